@@ -355,7 +355,7 @@ pub struct FlowOptions {
     pub sharpen: f64,
     /// λ: the share of the way to the mean of its neighbours, weighted along the curvature lines (Eqs.
     /// 7.24–7.25), that a vertex goes in its tangent plane per step.
-    /// 0.05 by default; 0 leaves vertices where the flow carries them.
+    /// 0.05 by default; 0 leaves vertices where the flow carries them. Those of a crease go along it only.
     pub tangential: f64,
     /// Keep the enclosed volume, of a closed surface.
     /// Off by default; an open surface is refused with [`Error::Open`](crate::Error::Open).

@@ -1238,35 +1238,48 @@ fn a_plane_stays() {
     assert!(matches!(refused, Err(Error::Open { .. })));
 }
 
+/// Sharp edges and round ones, of triangles and of quads: after fifty steps they lie at most 0.4 times as far from where they were as
+/// after as many steps of mean curvature flow as move the whole surface as far.
 #[test]
 fn creases_outlast_mean_curvature_flow_and_volume_is_kept() {
-    let clean = rounded_box([1.0, 0.8, 0.6], 0.08, 20).into_triangles();
-    let noisy = shaken(&clean, 0.004, 9);
-    let lost = |operator, iterations| {
-        let options = FlowOptions {
-            operator,
-            iterations,
-            keep_volume: true,
-            ..FlowOptions::default()
-        };
-        let done = smooth(&noisy, 1, &options, Run::on(&Cpu)).unwrap();
-        let [before, after] = done.report.volume;
-        assert!((after / before - 1.0).abs() < 1e-3, "{:?}", done.report);
-        let distance = box_errors(&clean, &done.mesh, [1.0, 0.8, 0.6], 0.08).crease;
-        assert!(distance.is_finite());
-        (distance, done.report.rms_displacement)
-    };
-    let ggho = lost(FlowOperator::Ggho, 50);
-    // Steps in which 95 % of the vertices move as far.
-    let mean = lost(FlowOperator::Lbo, 50);
-    assert!(ggho.0 <= 0.3 * mean.0, "{ggho:?} {mean:?}");
-    // As many steps as move the whole surface as far.
-    let mean = (1..=10)
-        .map(|k| lost(FlowOperator::Lbo, 5 * k))
-        .find(|m| m.1 >= ggho.1)
-        .unwrap();
-    println!("crease distance / edge and rms: GGHO {ggho:?}, mean curvature {mean:?}");
-    assert!(ggho.0 <= 0.42 * mean.0, "{ggho:?} {mean:?}");
+    let half = [1.0, 0.8, 0.6];
+    // Creases are looked for where those of this radius are.
+    for (radius, near) in [(1e-3, 0.05), (0.08, 0.08)] {
+        let quads = rounded_box(half, radius, 20);
+        let clean = quads.clone().into_triangles();
+        let (of_triangles, of_quads) = (shaken(&clean, 0.004, 9), shaken_quads(&quads, 0.004, 9));
+        for is_triangles in [true, false] {
+            let lost = |operator, iterations| {
+                let options = FlowOptions {
+                    operator,
+                    iterations,
+                    keep_volume: true,
+                    ..FlowOptions::default()
+                };
+                let (mesh, report) = if is_triangles {
+                    let done = smooth(&of_triangles, 1, &options, Run::on(&Cpu)).unwrap();
+                    (done.mesh, done.report)
+                } else {
+                    let done = smooth_quads(&of_quads, &options, Run::on(&Cpu)).unwrap();
+                    (done.mesh.into_triangles(), done.report)
+                };
+                let [before, after] = report.volume;
+                assert!((after / before - 1.0).abs() < 1e-3, "{report:?}");
+                let distance = box_errors(&clean, &mesh, half, near).crease;
+                assert!(distance.is_finite());
+                (distance, report.rms_displacement)
+            };
+            let ggho = lost(FlowOperator::Ggho, 50);
+            let mean = (1..=12)
+                .map(|k| lost(FlowOperator::Lbo, 4 * k))
+                .find(|m| m.1 >= ggho.1)
+                .unwrap();
+            println!(
+                "{radius} {is_triangles}: crease distance / edge and rms: GGHO {ggho:?}, mean curvature {mean:?}"
+            );
+            assert!(ggho.0 <= 0.4 * mean.0, "{ggho:?} {mean:?}");
+        }
+    }
 }
 
 /// The matrix damps, the forces move: one that is some steps old brings the surface to the same place.
@@ -1412,7 +1425,7 @@ fn smoothing_lets_nothing_come_through_and_keeps_volumes() {
     let flown = |keep_apart| {
         let options = FlowOptions {
             iterations: 40,
-            step: 0.2,
+            step: 0.25,
             sharpen: 1.0,
             keep_apart,
             ..FlowOptions::default()

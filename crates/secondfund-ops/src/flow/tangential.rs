@@ -9,6 +9,8 @@ use crate::forms::{Neighbors, Symmetric};
 
 /// Curvatures below this, in unit scale, give no direction.
 const FLAT: f64 = 0.1;
+/// Where normals turn by so many radians along an edge, a tangent plane is not the surface.
+const CREASE: f64 = 1.0 / 3.0;
 /// The least weight of a neighbour.
 const LEAST: f64 = 0.05;
 
@@ -17,32 +19,51 @@ const LEAST: f64 = 0.05;
 struct Line {
     normal: Vector3,
     direction: Vector3,
-    /// `(||κ₁| − |κ₂||) / (|κ₁| + |κ₂| + 0.1)`.
-    anisotropy: f64,
+    /// The absolute curvatures along it and across it.
+    curvatures: [f64; 2],
 }
 
-/// Per vertex the way to the weighted mean of its neighbours, in its tangent plane. The mesh is in unit
-/// scale.
+impl Line {
+    /// `(||κ₁| − |κ₂||) / (|κ₁| + |κ₂| + 0.1)`.
+    fn anisotropy(&self) -> f64 {
+        let [a, b] = self.curvatures;
+        (a - b) / (a + b + FLAT)
+    }
+
+    /// What of a step in the tangent plane stays on the surface: nothing in a direction in which the normal turns by [`CREASE`]
+    /// from a neighbour to the next, so that vertices of a crease go along it only, and those of a corner nowhere.
+    fn resolved(&self, step: &Vector3, edge: f64) -> Vector3 {
+        let axes = [self.direction, self.normal.cross(&self.direction)];
+        let parts = axes.iter().zip(self.curvatures).map(|(axis, curvature)| {
+            axis * (axis.dot(step) * (1.0 - curvature * edge / CREASE).max(0.0))
+        });
+        parts.sum()
+    }
+}
+
+/// Per vertex the way to the weighted mean of its neighbours, in its tangent plane, as far as that is the surface. The mesh is
+/// in unit scale.
 pub(crate) fn relaxation(mesh: &TriMesh, ring: &Neighbors, positions: &[Point3]) -> Vec<Vector3> {
     let normals = crate::forms::smoothed_normals(mesh, 0);
     let lines = lines(mesh, &normals);
     parallel::map(positions.len(), |v| {
         let around = ring.of_vertex(v);
         let own = &lines[v];
-        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        let (mut sum, mut total, mut lengths) = (Vector3::zeros(), 0.0, 0.0);
         for &w in around {
             let other = &lines[w as usize];
-            let a = own.anisotropy.min(other.anisotropy);
+            let a = own.anisotropy().min(other.anisotropy());
             let along = (own.direction.dot(&other.direction) * own.normal.dot(&other.normal)).abs();
             let weight = LEAST + (1.0 - a) + a * along;
-            sum += (positions[w as usize] - positions[v]) * weight;
+            let way = positions[w as usize] - positions[v];
+            sum += way * weight;
             total += weight;
+            lengths += way.norm();
         }
         if total == 0.0 {
             return Vector3::zeros();
         }
-        let mean = sum / total;
-        mean - own.normal * own.normal.dot(&mean)
+        own.resolved(&(sum / total), lengths / around.len() as f64)
     })
 }
 
@@ -77,7 +98,7 @@ fn line(normal: Vector3, tensor: Matrix3<f64>) -> Line {
         return Line {
             normal,
             direction: Vector3::x(),
-            anisotropy: 0.0,
+            curvatures: [0.0; 2],
         };
     };
     let y = normal.cross(&x);
@@ -97,6 +118,6 @@ fn line(normal: Vector3, tensor: Matrix3<f64>) -> Line {
     Line {
         normal,
         direction,
-        anisotropy: (a - b).abs() / (a + b + FLAT),
+        curvatures: [a.max(b), a.min(b)],
     }
 }
