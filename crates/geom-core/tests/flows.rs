@@ -1,11 +1,13 @@
 //! Corners of quads: their distortion on every backend, and where a flow takes them.
 
+use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
 use geom_core::compute::BackendError;
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
 use geom_core::mesh::shapes;
+use geom_core::nalgebra::center;
 use geom_core::surface::flow::backend::CORNER_DISTORTION;
 use geom_core::surface::flow::{
     Corner, CornerBackend, CornerDistortion, CornerObject, Descent, Elements, Flow, Ideal, Measure,
@@ -619,4 +621,40 @@ fn too_few_distortions_are_an_error() {
         error.to_string(),
         "short gave 143 distortions for 144 corners"
     );
+}
+
+/// On which side quads lie on a ring about as thick as they are, and in it, is what the whole of Simpson's rule says: what is not
+/// looked at cannot turn them over.
+#[test]
+fn a_quad_lies_as_all_of_the_surface_under_it() {
+    let ring = shapes::torus(1.0, 0.12, 96, 16);
+    let ground = Ground::new(&ring, Vec::new()).unwrap();
+    let mut random = SplitMix64::new(5);
+    let (mut right, mut turned) = (0, 0);
+    for _ in 0..2000 {
+        let (turn, size) = (TAU * random.unit(), 0.1 + 0.2 * random.unit());
+        let middle = Vector3::new(turn.cos(), turn.sin(), 0.0);
+        let mut noise = || Vector3::from_fn(|_, _| random.symmetric());
+        let [p, q] = [noise(), noise()].map(|side| side * size);
+        let corners =
+            [-p - q, p - q, p + q, q - p].map(|d| Point3::from(middle + d + noise() * 0.05));
+        let corners = corners.map(|c| ground.pulled(&c, Freedom::Surface).0);
+        let at = |p: &Point3| ground.pulled(p, Freedom::Surface).1;
+        let normals = corners.map(|c| at(&c));
+        let own = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
+        let sum: Vector3 = normals.iter().sum();
+        if sum.dot(&own).abs() >= 2.0 * own.norm() {
+            continue;
+        }
+        let sides = [0, 1, 2, 3].map(|k| at(&center(&corners[k], &corners[(k + 1) % 4])));
+        let all = corners.iter().map(|c| c.coords).sum::<Vector3>();
+        let whole = sum + sides.iter().sum::<Vector3>() * 4.0 + at(&Point3::from(all / 4.0)) * 16.0;
+        let is_right = whole.dot(&own) > 0.0;
+        assert_eq!(
+            ground.normal_over(&corners, &normals).dot(&own) > 0.0,
+            is_right
+        );
+        *(if is_right { &mut right } else { &mut turned }) += 1;
+    }
+    assert!(right > 100 && turned > 100, "{right} {turned}");
 }

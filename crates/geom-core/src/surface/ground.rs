@@ -113,7 +113,8 @@ impl<'a> Ground<'a> {
     /// The surface's normal over a quad with these corners on it, of any length: the sum of `normals`, its normals there, where
     /// they agree with each other about how the quad lies. At a tip or in a tunnel as narrow as the quad they point anywhere;
     /// then it is the mean over what lies nearest to the quad, by Simpson's rule: over a piece of a surface whose rim the
-    /// sides follow, that is parallel to the quad's vector area.
+    /// sides follow, that is parallel to the quad's vector area. What is left is not looked at where it cannot turn the quad
+    /// over any more: on which side it lies is all that is asked of one that lies right.
     ///
     /// ```
     /// use geom_core::mesh::shapes;
@@ -136,11 +137,18 @@ impl<'a> Ground<'a> {
         if sum.dot(&own).abs() >= 4.0 * AGREE * own.norm() {
             return sum;
         }
-        let at = |p: Point3| self.pulled(&p, Freedom::Surface).1;
-        let middle = |k: usize| at(nalgebra::center(&corners[k], &corners[(k + 1) % 4]));
-        let middles: Vector3 = (0..4).map(middle).sum();
+        // The heaviest first, which says it nearly alone.
+        let at = |p: Point3, k: usize| self.pulled_from(&corners[k], &p, Freedom::Surface).1;
         let all = corners.iter().map(|p| p.coords).sum::<Vector3>();
-        sum + middles * 4.0 + at(Point3::from(all / 4.0)) * 16.0
+        let mut over = sum + at(Point3::from(all / 4.0), 0) * 16.0;
+        for k in 0..4 {
+            let left = 4.0 * (4 - k) as f64;
+            if over.dot(&own) > left * own.norm() {
+                break;
+            }
+            over += at(nalgebra::center(&corners[k], &corners[(k + 1) % 4]), k) * 4.0;
+        }
+        over
     }
 
     /// The place in eight directions around one with this normal, `length` away, whose value is the largest and above

@@ -239,6 +239,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("flows::what_is_far_from_bad_elements_stays"),
     Fault::wrong(
+        "the middle of a quad alone says how it lies",
+        "crates/geom-core/src/surface/ground.rs",
+        "let left = 4.0 * (4 - k) as f64;",
+        "let left = -4.0 * (4 - k) as f64;",
+    )
+    .seen_by("flows::a_quad_lies_as_all_of_the_surface_under_it"),
+    Fault::wrong(
+        "what moves around a vertex leaves what is known of it",
+        "crates/geom-core/src/surface/flow/search.rs",
+        "known[w as usize] = None;",
+        "let _ = w;",
+    )
+    .seen_by("flows::a_search_lifts_the_worst"),
+    Fault::wrong(
         "neighbours search for better places at once",
         "crates/geom-core/src/surface/flow/search.rs",
         "next[v as usize] = turn + 1;",

@@ -62,6 +62,8 @@ impl<E: Elements> Flow<'_, E> {
         let count = self.vertices.positions.len();
         let mut steps = vec![how.first; count];
         let (mut tries, mut lifted) = (vec![0u32; count], vec![false; count]);
+        // The merit of the worst element around each vertex, as long as nothing there moves.
+        let mut known: Vec<Option<f64>> = vec![None; count];
         let forcing = if how.goal > LOW { FORCING } else { 0.0 };
         let mut values = self.values(how.by);
         for round in 0..how.rounds {
@@ -72,15 +74,22 @@ impl<E: Elements> Flow<'_, E> {
             bad.sort_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)));
             let (mut searched, mut changed) = (false, Vec::new());
             for mut turn in self.turns(&bad) {
-                turn.retain(|&v| steps[v as usize] >= SHORTEST);
+                turn.retain(|&v| {
+                    let v = v as usize;
+                    steps[v] >= SHORTEST && self.vertices.freedom[v] != Freedom::Fixed
+                });
                 searched |= !turn.is_empty();
                 turn.iter().for_each(|&v| tries[v as usize] += 1);
                 let found = parallel::map_each(&turn, |&v| {
-                    self.search(v as usize, steps[v as usize], tries[v as usize], forcing)
+                    let v = v as usize;
+                    let before = known[v].unwrap_or_else(|| self.worst_now(v));
+                    debug_assert!(before == self.worst_now(v), "something moved there");
+                    (before, self.search(v, before, steps[v], tries[v], forcing))
                 });
-                for (v, found) in turn.into_iter().zip(found) {
+                for (v, (before, found)) in turn.into_iter().zip(found) {
                     let v = v as usize;
                     let step = steps[v];
+                    known[v] = Some(before);
                     let Some(place) = found else {
                         steps[v] = 0.5 * step;
                         continue;
@@ -91,6 +100,7 @@ impl<E: Elements> Flow<'_, E> {
                     for &near in self.elements.around(v) {
                         for w in self.elements.rim(near as usize) {
                             steps[w as usize] = step.max(steps[w as usize]);
+                            known[w as usize] = None;
                         }
                     }
                 }
@@ -129,20 +139,27 @@ impl<E: Elements> Flow<'_, E> {
         turns
     }
 
-    /// The best of eight places `step` away from a vertex, if one is better; the directions turn with the tries, since
-    /// those in which the worst of several elements becomes better may be few.
-    fn search(&self, v: usize, step: f64, tries: u32, forcing: f64) -> Option<(Point3, Vector3)> {
-        let freedom = self.vertices.freedom[v];
-        if freedom == Freedom::Fixed {
-            return None;
-        }
+    /// The merit of the worst element around a vertex where all are.
+    fn worst_now(&self, v: usize) -> f64 {
+        self.worst_around(v, &Places::of(&self.vertices), f64::NEG_INFINITY, &mut 0)
+    }
+
+    /// The best of eight places `step` away from a vertex, if one is better than `before`; the directions turn with the tries,
+    /// since those in which the worst of several elements becomes better may be few.
+    fn search(
+        &self,
+        v: usize,
+        before: f64,
+        step: f64,
+        tries: u32,
+        forcing: f64,
+    ) -> Option<(Point3, Vector3)> {
         let places = Places::of(&self.vertices);
         let start = (self.vertices.positions[v], self.vertices.normals[v]);
         let mut refuser = 0;
-        let before = self.worst_around(v, &places, f64::NEG_INFINITY, &mut refuser);
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
         let least = before + if before < LOW { 0.0 } else { forcing * step };
-        let ground = self.vertices.ground(v);
+        let (ground, freedom) = (self.vertices.ground(v), self.vertices.freedom[v]);
         ground.best_around(start, way, freedom, least, |&place, least| {
             self.worst_around(v, &places.but(v, place), least, &mut refuser)
         })
@@ -234,15 +251,27 @@ impl<E: Elements> Flow<'_, E> {
             f64::NEG_INFINITY
         };
         let (mut best, mut since) = ((first, self.vertices.state()), 0);
+        let mut refuser = 0;
         self.descend(how, |flow| {
-            let worst = flow.worst(by);
             since += 1;
-            if worst > best.0 {
+            if let Some(worst) = flow.worst_above(best.0, by, &mut refuser) {
                 (best, since) = ((worst, flow.vertices.state()), 0);
             }
             since < PATIENCE
         })?;
         Ok(best)
+    }
+
+    /// The least of a measure, if that is above `floor`. The element that it was last is asked first: mostly it still is.
+    fn worst_above(&self, floor: f64, by: Measure<E>, refuser: &mut usize) -> Option<f64> {
+        let places = Places::of(&self.vertices);
+        if *refuser < self.elements.count() && by(&self.elements, *refuser, &places) <= floor {
+            return None;
+        }
+        let values = self.values(by);
+        let worst = least(values.iter().copied());
+        *refuser = values.iter().position(|&v| v == worst).unwrap_or(0);
+        (worst > floor).then_some(worst)
     }
 
     /// The elements within some rings of a bad one on their own, held at the rim, and their vertices here: what is far away would
