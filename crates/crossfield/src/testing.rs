@@ -12,7 +12,7 @@ use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use crate::backend::{ChartDistortion, CrossfieldObject};
 use crate::field::{self, CrossField, Frames};
 use crate::map::{Chart, MapOptions, Relaxation, Spacing};
-pub use crate::map::{OfIntegers, Unfolded};
+pub use crate::map::{OfIntegers, Settled, Unfolded};
 use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
@@ -168,6 +168,18 @@ pub fn unfolded_places(
 ) -> Result<Unfolded, Error> {
     let run = Run::on(&Cpu).with(Cpu.as_crossfield());
     crate::map::unfolded_places(rings, mesh, frames, field, options, run)
+}
+
+/// A map with triangles that are barely upright after it has settled, for so many evaluations of each; `None` where there is none.
+pub fn settled(
+    evaluations: usize,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<Option<Settled>, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::settled(evaluations, mesh, frames, field, options, run)
 }
 
 /// What comes of a map that may cost so many evaluations of a triangle.

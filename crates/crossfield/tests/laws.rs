@@ -9,7 +9,7 @@ use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{
     aligned, cuboid, decimated, of_integers, parameterized_by_regions, parameterized_within, plate,
-    sizes, tube, unfolded_places, unfolding_costs, untangling_cost,
+    settled, sizes, tube, unfolded_places, unfolding_costs, untangling_cost,
 };
 use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
@@ -702,6 +702,29 @@ fn folded_places_are_no_business_of_each_other() {
         several > 3 && folded[0] > 50 && folded[1] < 40,
         "{several} {folded:?}"
     );
+}
+
+/// What is barely upright is so after it has settled, and less barely, for however few steps: nothing folds on the way.
+#[test]
+fn an_upright_map_settles_without_folding() {
+    let mut maps = 0;
+    for seed in 0..4 {
+        let mesh = dented_torus([72, 30], 0.1, seed);
+        let (frames, field) = rough_field(&mesh);
+        let options = MapOptions {
+            spacing: Spacing::Uniform(0.2),
+            lines: Vec::new(),
+        };
+        for steps in [1, 2, 4, 8] {
+            let Some(made) = settled(steps, &mesh, &frames, &field, &options).unwrap() else {
+                continue;
+            };
+            println!("{seed} {steps}: {made:?}");
+            assert!(made.is_valid && made.least[1] > made.least[0], "{made:?}");
+            maps += 1;
+        }
+    }
+    assert!(maps > 8, "{maps}");
 }
 
 /// The quads of a map that its integers fold in a few triangles are those of the triangles, as far as these open; of one that they fold

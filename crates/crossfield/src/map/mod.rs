@@ -70,8 +70,8 @@ pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{
-    aligned, decimated, of_integers, parameterized_within, sizes, unfolded_places, unfolding_costs,
-    untangling_cost, whole_map,
+    aligned, decimated, of_integers, parameterized_within, settled, sizes, unfolded_places,
+    unfolding_costs, untangling_cost, whole_map,
 };
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;
@@ -81,5 +81,5 @@ pub use exact::{GridMap, MapReport};
 pub use parameterize::{MapOptions, parameterize};
 #[cfg(feature = "testing")]
 #[doc(hidden)]
-pub use parameterize::{OfIntegers, Unfolded};
+pub use parameterize::{OfIntegers, Settled, Unfolded};
 pub use spacing::{Chart, Spacing};

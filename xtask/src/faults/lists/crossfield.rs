@@ -277,6 +277,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::folded_places_are_no_business_of_each_other"),
     Fault::wrong(
+        "a map that settles folds first",
+        "crates/crossfield/src/map/unfold/untangle.rs",
+        "false => LEAST,",
+        "false => 3.0,",
+    )
+    .seen_by("laws::an_upright_map_settles_without_folding"),
+    Fault::wrong(
+        "bad quads are given up after two operations",
+        "crates/crossfield/src/quads/improve/mend.rs",
+        "const DEEPEST: usize = 4;",
+        "const DEEPEST: usize = 1;",
+    )
+    .seen_by("mending::several_operations_mend_what_several_spoiled"),
+    Fault::wrong(
         "what folds in many places is mended beside a decimated map",
         "crates/crossfield/src/map/parameterize/mod.rs",
         "const MENDABLE: usize = 500;",

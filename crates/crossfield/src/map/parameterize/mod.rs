@@ -13,11 +13,11 @@ use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
 #[cfg(feature = "testing")]
-pub use self::probes::{OfIntegers, Unfolded};
+pub use self::probes::{OfIntegers, Settled, Unfolded};
 #[cfg(feature = "testing")]
 pub(crate) use self::probes::{
-    aligned, decimated, of_integers, parameterized_within, sizes, unfolded_places, unfolding_costs,
-    untangling_cost,
+    aligned, decimated, of_integers, parameterized_within, settled, sizes, unfolded_places,
+    unfolding_costs, untangling_cost,
 };
 use self::quantized::Rounded;
 pub(crate) use self::relaxed::{Relaxation, relaxation};

@@ -116,6 +116,59 @@ pub(crate) fn unfolded_places(
     })
 }
 
+/// See [`Settled`]: of a map between the best one without integers and what it unfolds to, as near to the first as triangles are
+/// barely upright; `None` where there is none. It may cost so many evaluations of each triangle.
+pub(crate) fn settled(
+    evaluations: usize,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Option<Settled>, Error> {
+    const FLAT: f64 = 0.005;
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted,
+            w: folded,
+            ..
+        } = making.optimum()?;
+        let (unfolder, effort) = (making.unfolder(), making.unfolding.effort);
+        let least = |w: &[f64]| {
+            let corners = making.system.corners(w);
+            let all = making.system.charts.iter().zip(&corners);
+            all.map(|(chart, uv)| chart.determinant(uv))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let mut upright = folded.clone();
+        if least(&folded) > 0.0 || !unfolder.untangled(&weighted, true, &mut upright)? {
+            return Ok(None);
+        }
+        let between = |t: f64| -> Vec<f64> {
+            let pairs = upright.iter().zip(&folded);
+            pairs.map(|(u, f)| u + t * (f - u)).collect()
+        };
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..40 {
+            let t = 0.5 * (low + high);
+            let is_upright = least(&between(t)) > FLAT;
+            *(if is_upright { &mut low } else { &mut high }) = t;
+        }
+        let mut w = between(low);
+        if !unfolder.is_valid(&w) {
+            return Ok(None);
+        }
+        let before = least(&w);
+        let worth = evaluations * making.system.charts.len();
+        effort.spend(effort.left() as usize - worth);
+        unfolder.settle(&weighted, true, &mut w)?;
+        Ok(Some(Settled {
+            least: [before, least(&w)],
+            is_valid: unfolder.is_valid(&w),
+        }))
+    })
+}
+
 /// See `testing::parameterized_within`.
 pub(crate) fn parameterized_within(
     evaluations: u64,
@@ -133,6 +186,15 @@ pub(crate) fn parameterized_within(
         most_dense: MOST_DENSE,
     };
     parameterized(mesh, frames, field, options, unfolding, None, run).map(drop)
+}
+
+/// What became of an upright map with a triangle that is nearly flat, for tests.
+#[derive(Debug)]
+pub struct Settled {
+    /// The smallest determinant before and after.
+    pub least: [f64; 2],
+    /// Is it upright, with the field's angles?
+    pub is_valid: bool,
 }
 
 /// A map whose folded places were unfolded, for tests.

@@ -120,9 +120,8 @@ impl<'a> Making<'a> {
         }
         // A map upright at one spacing is so at any, and only has to settle.
         let last = self.unfolding.ends.upright.take().map(|w| self.sized(w));
-        if let Some(mut last) = last.filter(|w| self.unfolder().is_valid(w))
-            && self.unfolder().untangled(&weighted, true, &mut last)?
-        {
+        if let Some(mut last) = last.filter(|w| self.unfolder().is_valid(w)) {
+            self.unfolder().settle(&weighted, true, &mut last)?;
             return Ok(self.sized(last));
         }
         // Where triangles may be of the sizes that the cones ask for, few fold.

@@ -90,14 +90,9 @@ impl Unfolder<'_> {
 
     /// Makes the map monotone as far as it can be, with all unknowns.
     pub(super) fn align(&self, weighted: &Weighted<'_>, w: &mut [f64]) -> Result<(), Error> {
-        let moves = Moves {
-            scope: &Scope::whole(self.system, true),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, true),
-            held: Vec::new(),
-            effort: self.effort,
-            is_lost: &|_| false,
-        };
-        align(self.system, w, &moves, self.run)
+        self.moving_all(weighted, true, |moves| {
+            align(self.system, w, &moves, self.run)
+        })
     }
 
     /// Untangles with all unknowns, or the reals among them.
@@ -109,14 +104,52 @@ impl Unfolder<'_> {
         is_lost: Judge<'_>,
         w: &mut [f64],
     ) -> Result<(), Error> {
-        let moves = Moves {
+        self.moving_all(weighted, with_integers, |moves| {
+            let moves = Moves {
+                held,
+                is_lost,
+                ..moves
+            };
+            untangle(self.system, w, &moves, self.run)
+        })
+    }
+
+    /// Makes an upright map smoother, all of it; it stays upright.
+    pub(super) fn settle(
+        &self,
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        w: &mut [f64],
+    ) -> Result<(), Error> {
+        let upright = w.to_vec();
+        self.moving_all(weighted, with_integers, |moves| {
+            let moves = Moves {
+                may_fold: false,
+                ..moves
+            };
+            untangle(self.system, w, &moves, self.run)
+        })?;
+        if !self.is_valid(w) {
+            w.copy_from_slice(&upright);
+        }
+        Ok(())
+    }
+
+    /// Does something with all unknowns, or the reals among them.
+    fn moving_all(
+        &self,
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        act: impl FnOnce(Moves<'_>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        act(Moves {
             scope: &Scope::whole(self.system, with_integers),
             bend: &|gradient: &[f64]| weighted.inverse(gradient, with_integers),
-            held,
+            held: Vec::new(),
             effort: self.effort,
-            is_lost,
-        };
-        untangle(self.system, w, &moves, self.run)
+            is_lost: &|_| false,
+            may_fold: true,
+        })
     }
 
     /// Unfolds what is left place by place, with vertices that are stuck laid out by hand, and all else held; is the map
@@ -153,11 +186,7 @@ impl Unfolder<'_> {
             return Ok(false);
         }
         // What was held while places unfolded makes room for them now.
-        let upright = w.to_vec();
-        self.untangle_all(weighted, with_integers, Vec::new(), &|_| false, w)?;
-        if !self.is_valid(w) {
-            w.copy_from_slice(&upright);
-        }
+        self.settle(weighted, with_integers, w)?;
         Ok(true)
     }
 

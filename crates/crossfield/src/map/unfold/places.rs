@@ -105,6 +105,7 @@ impl Unfolder<'_> {
             held: held.to_vec(),
             effort: self.effort,
             is_lost: &|w: &[f64]| count(STUCK, w) > 0,
+            may_fold: true,
         };
         let first = scope.of(w);
         let mut best = (count(BAD, w), first.clone());

@@ -43,6 +43,8 @@ pub(crate) struct Moves<'a> {
     pub(crate) effort: &'a Effort,
     /// Is this a map from which none with the right angles is reached once ε is small?
     pub(crate) is_lost: Judge<'a>,
+    /// May what is upright fold on the way? A map that only settles then takes long to come back, if it does.
+    pub(crate) may_fold: bool,
 }
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
@@ -92,7 +94,10 @@ fn rounds(
     run: On<'_>,
 ) -> Result<(), Error> {
     let worst = energy.worst(x);
-    let mut epsilon = first_epsilon(worst);
+    let mut epsilon = match moves.may_fold {
+        true => first_epsilon(worst),
+        false => LEAST,
+    };
     // What is upright only settles: steps that would not make a round worth another are not worth taking.
     let enough = match worst > 0.0 {
         true => SETTLED / STEPS as f64,

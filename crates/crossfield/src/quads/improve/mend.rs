@@ -23,8 +23,8 @@ const LEAST: f64 = 0.35;
 const FINE: f64 = 0.5;
 /// By so much the worst must become better.
 const GAIN: f64 = 0.02;
-/// Rings of quads around the worst one that may change.
-const RINGS: usize = 3;
+/// Rings of quads around the worst one that may change, and if nothing helps there.
+const RINGS: [usize; 2] = [3, 5];
 /// Operations at most.
 const MOST: usize = 32;
 /// It is given up after so many places where no operation helps.
@@ -33,10 +33,12 @@ const STUCK: usize = 4;
 const FEW: usize = 8;
 /// Operations that make the vertices of a patch less regular by more than this are not tried.
 const WORSE: usize = 4;
-/// After how many first operations a second one is tried where one is not enough.
-const SECOND: usize = 3;
-/// For so many quads at most, as this takes as many times as long.
-const TWICE: usize = 8;
+/// Where one operation is not enough, others follow after so many of the best,
+const FOLLOWED: usize = 3;
+/// so often in a place,
+const DEEPEST: usize = 4;
+/// and in all places together: each time takes as many times as long. A map anew for a few bad quads takes longer.
+const DEEPER: usize = 24;
 /// Rounds of work on single quads after which the best patches are chosen, and how many: that work is nearly all there is.
 const GLANCE: usize = 6;
 const CHOSEN: usize = 6;
@@ -46,6 +48,8 @@ const POWERS: [(i32, usize); 2] = [(2, 10), (12, 30)];
 /// A patch at its best places.
 struct Tried {
     patch: Patch,
+    /// Have others followed?
+    is_followed: bool,
     /// The worst of its quads, and which.
     worst: (f64, usize),
     irregularity: usize,
@@ -63,6 +67,7 @@ impl Tried {
         Self {
             irregularity: patch.irregularity(),
             worst: (worst, which),
+            is_followed: false,
             patch,
         }
     }
@@ -88,7 +93,7 @@ fn better(a: &Tried, b: &Tried) -> std::cmp::Ordering {
 pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
     // Quads at places where nothing helps, and how many places these are.
     let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
-    let (mut places, mut twice, mut changed) = (0, TWICE, false);
+    let (mut places, mut deeper, mut changed) = (0, DEEPER, false);
     for step in 0..MOST {
         let jacobians = flow.values(Quads::jacobian);
         let mut bad: Vec<usize> = (0..jacobians.len())
@@ -103,9 +108,8 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
             break;
         };
         flow.run.progress("other quads", step as u64, MOST as u64)?;
-        let place = Place::around(&flow, worst);
-        match place.best(&flow, &mut twice)? {
-            Some(tried) => {
+        match Place::mended(&flow, worst, &mut deeper)? {
+            Some((place, tried)) => {
                 place.put(tried, &mut flow);
                 changed = true;
             }
@@ -150,9 +154,24 @@ struct Place {
 }
 
 impl Place {
-    fn around(flow: &Flow<'_>, middle: usize) -> Self {
+    /// The one around a quad in which something helps, and what.
+    fn mended(
+        flow: &Flow<'_>,
+        middle: usize,
+        deeper: &mut usize,
+    ) -> Result<Option<(Self, Tried)>, Error> {
+        for rings in RINGS {
+            let place = Self::around(flow, middle, rings);
+            if let Some(tried) = place.best(flow, deeper)? {
+                return Ok(Some((place, tried)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn around(flow: &Flow<'_>, middle: usize, rings: usize) -> Self {
         let mut quads = BTreeSet::from([middle as u32]);
-        for _ in 0..RINGS {
+        for _ in 0..rings {
             let rim: Vec<u32> = quads.iter().copied().collect();
             for q in rim {
                 for v in flow.elements.quads[q as usize] {
@@ -191,9 +210,9 @@ impl Place {
         }
     }
 
-    /// The best of what one operation makes of the patch, or two where no one helps and `twice` is not spent; `None` if those
-    /// do not, either.
-    fn best(&self, flow: &Flow<'_>, twice: &mut usize) -> Result<Option<Tried>, Error> {
+    /// The best of what one operation makes of the patch, or of what several do where no one is enough and `deeper` is not spent;
+    /// `None` if none helps. Of several the best so far is followed first.
+    fn best(&self, flow: &Flow<'_>, deeper: &mut usize) -> Result<Option<Tried>, Error> {
         let places = Places::of(&flow.vertices);
         let merit = |&q: &u32| flow.elements.merit(q as usize, &places);
         let before = least(self.quads.iter().map(merit));
@@ -212,11 +231,18 @@ impl Place {
                 .find(|t| helps(t))
                 .is_some_and(|t| t.worst.0 >= LEAST)
         };
-        if !enough(&all) && *twice > 0 {
-            *twice -= 1;
-            let again = all.iter().take(SECOND);
-            let again = again.flat_map(|tried| changes(&tried.patch, tried.worst.1));
-            all.extend(self.tried(again.collect(), flow)?);
+        for _ in 0..DEEPEST {
+            if enough(&all) || *deeper == 0 {
+                break;
+            }
+            *deeper -= 1;
+            let open = all.iter_mut().filter(|tried| !tried.is_followed);
+            let next = open.take(FOLLOWED).flat_map(|tried| {
+                tried.is_followed = true;
+                changes(&tried.patch, tried.worst.1)
+            });
+            let next = next.collect();
+            all.extend(self.tried(next, flow)?);
             all.sort_by(better);
         }
         Ok(all.into_iter().find(helps))
