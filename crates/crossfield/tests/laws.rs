@@ -719,7 +719,6 @@ fn an_upright_map_settles_without_folding() {
             let Some(made) = settled(steps, &mesh, &frames, &field, &options).unwrap() else {
                 continue;
             };
-            println!("{seed} {steps}: {made:?}");
             assert!(made.is_valid && made.least[1] > made.least[0], "{made:?}");
             maps += 1;
         }
