@@ -6,7 +6,6 @@
 //! [`WithSimd`] that names its [`Lanes`]. All that either calls must be `#[inline(always)]`, the closure too,
 //! since only what is inlined is compiled for the instruction set.
 
-use std::any::TypeId;
 use std::ops::{Add, Div, Mul, Sub};
 
 use pulp::{Arch, NullaryFnOnce};
@@ -41,8 +40,10 @@ pub fn vectorized<W: WithSimd>(work: W) -> W::Output {
 
 /// Is a fused product one instruction? Without it, `mul_add` is a call, so that loops with such products are written for both
 /// (by a constant of their own) and only this chooses. Of those that do use them the last digits differ from machine to machine.
+#[cfg(feature = "algebra")]
 #[inline(always)]
 pub(crate) fn fuses<S: Simd>() -> bool {
+    use std::any::TypeId;
     TypeId::of::<S>() != TypeId::of::<Scalar>()
 }
 
