@@ -142,6 +142,7 @@ impl<'a> Ground<'a> {
         let all = corners.iter().map(|p| p.coords).sum::<Vector3>();
         let mut over = sum + at(Point3::from(all / 4.0), 0) * 16.0;
         for k in 0..4 {
+            // Unit normals that are not asked for, all of them against it.
             let left = 4.0 * (4 - k) as f64;
             if over.dot(&own) > left * own.norm() {
                 break;

@@ -248,7 +248,7 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "what moves around a vertex leaves what is known of it",
         "crates/geom-core/src/surface/flow/search.rs",
-        "known[w as usize] = None;",
+        "seekers.known[w] = None;",
         "let _ = w;",
     )
     .seen_by("flows::a_search_lifts_the_worst"),

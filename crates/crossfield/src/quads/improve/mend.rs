@@ -2,7 +2,8 @@
 //!
 //! Where a tip, tunnel or sharp bend is as narrow as the quads, their connectivity may have no good places at all. Then each
 //! operation of [`Patch::changes`] around the worst quad is tried on a copy of what lies near, whose vertices look for their best
-//! places; the best one is taken if the worst quad there is better than before.
+//! places; the best one is taken if the worst quad there is better than before. Where no single one is enough, others follow after
+//! the best of them, as a best-first search (Pearl, *Heuristics*, 1984).
 
 use std::collections::BTreeSet;
 

@@ -52,6 +52,16 @@ pub struct Straightening<E> {
     pub again: usize,
 }
 
+/// Of vertices that search.
+struct Seekers {
+    /// How far each looks next, in its reaches.
+    steps: Vec<f64>,
+    /// How often each has looked.
+    tries: Vec<u32>,
+    /// The merit of the worst element around each, as long as nothing there moves.
+    known: Vec<Option<f64>>,
+}
+
 impl<E: Elements> Flow<'_, E> {
     /// Vertices of bad elements search the directions of a compass for a place where the worst element around them is better,
     /// nearer and nearer until something around them moves. How many moved.
@@ -60,54 +70,36 @@ impl<E: Elements> Flow<'_, E> {
     /// If the watcher asks to stop.
     pub fn lift_the_worst(&mut self, how: &Search<E>) -> Result<usize, E::Error> {
         let count = self.vertices.positions.len();
-        let mut steps = vec![how.first; count];
-        let (mut tries, mut lifted) = (vec![0u32; count], vec![false; count]);
-        // The merit of the worst element around each vertex, as long as nothing there moves.
-        let mut known: Vec<Option<f64>> = vec![None; count];
+        let mut seekers = Seekers {
+            steps: vec![how.first; count],
+            tries: vec![0; count],
+            known: vec![None; count],
+        };
+        let mut lifted = vec![false; count];
         let forcing = if how.goal > LOW { FORCING } else { 0.0 };
         let mut values = self.values(how.by);
         for round in 0..how.rounds {
             (self.run).progress("worst elements", round as u64, how.rounds as u64)?;
+            // The worst have the first turns.
             let mut bad: Vec<usize> = (0..values.len())
                 .filter(|&e| values[e] < how.goal)
                 .collect();
             bad.sort_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)));
             let (mut searched, mut changed) = (false, Vec::new());
             for mut turn in self.turns(&bad) {
-                turn.retain(|&v| {
-                    let v = v as usize;
-                    steps[v] >= SHORTEST && self.vertices.freedom[v] != Freedom::Fixed
-                });
+                turn.retain(|&v| self.vertices.freedom[v as usize] != Freedom::Fixed);
+                turn.retain(|&v| seekers.steps[v as usize] >= SHORTEST);
                 searched |= !turn.is_empty();
-                turn.iter().for_each(|&v| tries[v as usize] += 1);
-                let found = parallel::map_each(&turn, |&v| {
-                    let v = v as usize;
-                    let before = known[v].unwrap_or_else(|| self.worst_now(v));
-                    debug_assert!(before == self.worst_now(v), "something moved there");
-                    (before, self.search(v, before, steps[v], tries[v], forcing))
-                });
-                for (v, (before, found)) in turn.into_iter().zip(found) {
-                    let v = v as usize;
-                    let step = steps[v];
-                    known[v] = Some(before);
-                    let Some(place) = found else {
-                        steps[v] = 0.5 * step;
-                        continue;
-                    };
-                    (self.vertices.positions[v], self.vertices.normals[v]) = place;
+                for v in self.turned(&turn, &mut seekers, forcing) {
                     lifted[v] = true;
                     changed.extend_from_slice(self.elements.around(v));
-                    for &near in self.elements.around(v) {
-                        for w in self.elements.rim(near as usize) {
-                            steps[w as usize] = step.max(steps[w as usize]);
-                            known[w as usize] = None;
-                        }
-                    }
                 }
             }
+            // All have come to their shortest steps.
             if !searched {
                 break;
             }
+            // Only what has moved is measured again.
             changed.sort_unstable();
             changed.dedup();
             let places = Places::of(&self.vertices);
@@ -118,6 +110,39 @@ impl<E: Elements> Flow<'_, E> {
             }
         }
         Ok(lifted.iter().filter(|&&l| l).count())
+    }
+
+    /// One turn of vertices that have no element in common: each searches, and those that find a place move there. Which did.
+    fn turned(&mut self, turn: &[u32], seekers: &mut Seekers, forcing: f64) -> Vec<usize> {
+        turn.iter().for_each(|&v| seekers.tries[v as usize] += 1);
+        let found = parallel::map_each(turn, |&v| {
+            let v = v as usize;
+            let before = seekers.known[v].unwrap_or_else(|| self.worst_now(v));
+            debug_assert!(before == self.worst_now(v), "something moved there");
+            let (step, tries) = (seekers.steps[v], seekers.tries[v]);
+            (before, self.search(v, before, step, tries, forcing))
+        });
+        let mut moved = Vec::new();
+        for (&v, (before, found)) in turn.iter().zip(found) {
+            let v = v as usize;
+            let step = seekers.steps[v];
+            let Some(place) = found else {
+                seekers.known[v] = Some(before);
+                seekers.steps[v] = 0.5 * step;
+                continue;
+            };
+            (self.vertices.positions[v], self.vertices.normals[v]) = place;
+            moved.push(v);
+            // Those around have other elements now, and may look as far again.
+            for &near in self.elements.around(v) {
+                for w in self.elements.rim(near as usize) {
+                    let w = w as usize;
+                    seekers.steps[w] = step.max(seekers.steps[w]);
+                    seekers.known[w] = None;
+                }
+            }
+        }
+        moved
     }
 
     /// The vertices of elements in turns whose vertices have no element in common. One after the other would come to the same: each
