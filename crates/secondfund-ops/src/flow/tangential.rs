@@ -31,11 +31,12 @@ impl Line {
     }
 
     /// What of a step in the tangent plane stays on the surface: nothing in a direction in which the normal turns by [`CREASE`]
-    /// from a neighbour to the next, so that vertices of a crease go along it only, and those of a corner nowhere.
+    /// from a neighbour to the next, so that vertices of a crease go along it only, and those of a corner nowhere. By how much a step
+    /// leaves the surface grows with the square of that.
     fn resolved(&self, step: &Vector3, edge: f64) -> Vector3 {
         let axes = [self.direction, self.normal.cross(&self.direction)];
         let parts = axes.iter().zip(self.curvatures).map(|(axis, curvature)| {
-            axis * (axis.dot(step) * (1.0 - curvature * edge / CREASE).max(0.0))
+            axis * (axis.dot(step) * (1.0 - (curvature * edge / CREASE).powi(2)).max(0.0))
         });
         parts.sum()
     }

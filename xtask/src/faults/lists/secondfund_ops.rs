@@ -290,8 +290,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "vertices spread across creases",
         "crates/secondfund-ops/src/flow/tangential.rs",
-        "(1.0 - curvature * edge / CREASE).max(0.0)",
-        "(1.0 - 0.0 * curvature * edge / CREASE).max(0.0)",
+        "(1.0 - (curvature * edge / CREASE).powi(2)).max(0.0)",
+        "(1.0 - (0.0 * curvature * edge / CREASE).powi(2)).max(0.0)",
     )
     .seen_by("laws::creases_outlast_mean_curvature_flow_and_volume_is_kept"),
     Fault::wrong(
