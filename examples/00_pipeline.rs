@@ -5,18 +5,14 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, MeshArgs, Region, VolumeArgs};
 use biogeom_examples::batch::{Batch, BatchArgs};
+use biogeom_examples::device::left_out;
 use biogeom_examples::input::labels::LabelArgs;
 use biogeom_examples::input::source::{Source, SourceArgs};
-use biogeom_examples::input::tmesh::{ElementArgs, Input, Made};
-use biogeom_examples::steps::spline::{self, Product};
-use biogeom_examples::steps::{self, elements, modes, pockets, quads, segments};
-use biogeom_examples::{Failure, Session, products};
+use biogeom_examples::{Failure, Session, products, steps};
 use clap::{Parser, ValueEnum};
 use gauss_density::{Model, sample};
 use geom_core::{Structure, TriMesh};
 use serde::Serialize;
-use tspline::Basis;
-use tspline::surface::fit::FitOptions;
 
 /// From atoms or a grid to a quality tetrahedral mesh, inside and outside of the molecule's surface
 #[derive(Clone, Parser, Serialize)]
@@ -71,6 +67,15 @@ enum Stage {
     All,
 }
 
+/// What is made of a surface.
+const OF_SURFACES: [Stage; 5] = [
+    Stage::Modes,
+    Stage::Quads,
+    Stage::Tmesh,
+    Stage::Spline,
+    Stage::Segments,
+];
+
 /// The options that only tetrahedra have.
 const OF_VOLUMES: [&str; 9] = [
     "region",
@@ -104,6 +109,12 @@ Outputs: surface.ply, surface.glb (coloured by --color) and surface.png; of stru
 per tetrahedron), volume.msh (named groups, for solvers) and volume.png (a cut); quality.png;
 report.json with counts, quality before and after, seconds per stage and peak memory.";
 
+impl Args {
+    fn wants(&self, stage: Stage) -> bool {
+        self.stages.contains(&stage) || self.stages.contains(&Stage::All)
+    }
+}
+
 impl HasCommon for Args {
     fn common(&self) -> &Common {
         &self.common
@@ -127,7 +138,10 @@ fn main() -> ExitCode {
 }
 
 fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
-    let wants = |stage| args.stages.contains(&stage) || args.stages.contains(&Stage::All);
+    let wants = |stage| args.wants(stage);
+    if !cfg!(feature = "analysis") && OF_SURFACES.into_iter().chain([Stage::Pockets]).any(wants) {
+        return Err(no_analysis());
+    }
     if !wants(Stage::Tets) {
         session.refuse(&OF_VOLUMES, "is for --stages tets")?;
     }
@@ -150,65 +164,17 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     }
 
     // The surface on which the others work is the skin of the tetrahedra if there are some.
-    let of_surface = [
-        Stage::Surface,
-        Stage::Modes,
-        Stage::Quads,
-        Stage::Tmesh,
-        Stage::Spline,
-        Stage::Segments,
-    ];
     let surface = if wants(Stage::Tets) {
         tetrahedra(args, session, &source)?
-    } else if of_surface.into_iter().any(wants) {
+    } else if wants(Stage::Surface) || OF_SURFACES.into_iter().any(wants) {
         surface(args, session, &source, wants(Stage::Surface))?
     } else {
         TriMesh::default()
     };
-    if wants(Stage::Modes) {
-        let asked = modes::Settings::default();
-        session.part("modes", || modes::run(session, &largest(&surface)?, &asked))?;
-    }
-    if wants(Stage::Quads) {
-        let asked = crossfield::Options::default();
-        session.part("quads", || quads::run(session, &surface, &asked))?;
-    }
-    if wants(Stage::Tmesh) || wants(Stage::Spline) {
-        let input = Input::of_surface(surface.clone(), structure.cloned());
-        let made = session.part("tmesh", || {
-            let made = ElementArgs::by_curvature().make(input, session)?;
-            if wants(Stage::Tmesh) {
-                session.files(5, || elements::save(session, &made))?;
-            }
-            Ok(made)
-        })?;
-        if wants(Stage::Spline) {
-            session.part("spline", || spline_of(session, made))?;
-        }
-    }
-    if wants(Stage::Segments) {
-        session.part("segments", || {
-            let asked = segments::Settings::default();
-            let done = segments::of_triangles(session, largest(&surface)?, &asked)?;
-            segments::finish(session, &done, MODES)
-        })?;
-    }
-    if let Some(structure) = structure.filter(|_| wants(Stage::Pockets)) {
-        let (input, asked) = (&args.source.input, pockets::Settings::default());
-        session.part("pockets", || {
-            pockets::run(session, structure, input, &asked)
-        })?;
+    if OF_SURFACES.into_iter().any(wants) || structure.is_some() && wants(Stage::Pockets) {
+        analysis::run(args, session, &surface, structure)?;
     }
     Ok(())
-}
-
-/// Modes on the contact sheet of the segments.
-const MODES: usize = 8;
-
-/// The component of the largest area: cavities have modes of their own.
-fn largest(surface: &TriMesh) -> Result<TriMesh, Failure> {
-    let first = surface.components().into_iter().next();
-    first.ok_or_else(|| "the surface has no triangles".into())
 }
 
 /// The density on a whole lattice: the other stages need it near the surface only.
@@ -298,19 +264,103 @@ fn tetrahedra(args: &Args, session: &Session, source: &Source) -> Result<TriMesh
     Ok(surface)
 }
 
-/// A spline surface with the files that most read.
-fn spline_of(session: &Session, made: Made) -> Result<(), Failure> {
-    let asked = (Basis::Hierarchical, None, 4);
-    let input = &made.input;
-    let (adapted, triangles) =
-        spline::fit(session, made.mesh, input, asked, &FitOptions::default())?;
-    let files = [Product::Vtu, Product::Step, Product::Glb];
-    session.files(1 + files.len() as u64, || {
-        for file in files {
-            spline::save(session, file, &adapted, &triangles, input)?;
+/// What a build says that goes as far as tetrahedra.
+fn no_analysis() -> Failure {
+    left_out("stages after tets", "analysis")
+}
+
+/// What such a build has in place of the rest.
+#[cfg(not(feature = "analysis"))]
+mod analysis {
+    use super::{Args, Failure, Session, Structure, TriMesh};
+
+    pub(super) fn run(
+        _: &Args,
+        _: &Session,
+        _: &TriMesh,
+        _: Option<&Structure>,
+    ) -> Result<(), Failure> {
+        Err(super::no_analysis())
+    }
+}
+
+/// What follows from a surface, each with its program's defaults.
+#[cfg(feature = "analysis")]
+mod analysis {
+    use biogeom_examples::input::tmesh::{ElementArgs, Input, Made};
+    use biogeom_examples::steps::spline::{self, Product};
+    use biogeom_examples::steps::{elements, modes, pockets, quads, segments};
+    use tspline::Basis;
+    use tspline::surface::fit::FitOptions;
+
+    use super::{Args, Failure, Session, Stage, Structure, TriMesh};
+
+    /// Modes on the contact sheet of the segments.
+    const MODES: usize = 8;
+
+    pub(super) fn run(
+        args: &Args,
+        session: &Session,
+        surface: &TriMesh,
+        structure: Option<&Structure>,
+    ) -> Result<(), Failure> {
+        if args.wants(Stage::Modes) {
+            let asked = modes::Settings::default();
+            session.part("modes", || modes::run(session, &largest(surface)?, &asked))?;
         }
-        session.picture("surface", || {
-            spline::picture(session, &adapted, &triangles, &input.surface)
+        if args.wants(Stage::Quads) {
+            let asked = crossfield::Options::default();
+            session.part("quads", || quads::run(session, surface, &asked))?;
+        }
+        if args.wants(Stage::Tmesh) || args.wants(Stage::Spline) {
+            let input = Input::of_surface(surface.clone(), structure.cloned());
+            let made = session.part("tmesh", || {
+                let made = ElementArgs::by_curvature().make(input, session)?;
+                if args.wants(Stage::Tmesh) {
+                    session.files(5, || elements::save(session, &made))?;
+                }
+                Ok(made)
+            })?;
+            if args.wants(Stage::Spline) {
+                session.part("spline", || spline_of(session, made))?;
+            }
+        }
+        if args.wants(Stage::Segments) {
+            session.part("segments", || {
+                let asked = segments::Settings::default();
+                let done = segments::of_triangles(session, largest(surface)?, &asked)?;
+                segments::finish(session, &done, MODES)
+            })?;
+        }
+        if let Some(structure) = structure.filter(|_| args.wants(Stage::Pockets)) {
+            let (input, asked) = (&args.source.input, pockets::Settings::default());
+            session.part("pockets", || {
+                pockets::run(session, structure, input, &asked)
+            })?;
+        }
+        Ok(())
+    }
+
+    /// The component of the largest area: cavities have modes of their own.
+    fn largest(surface: &TriMesh) -> Result<TriMesh, Failure> {
+        let first = surface.components().into_iter().next();
+        first.ok_or_else(|| "the surface has no triangles".into())
+    }
+
+    /// A spline surface with the files that most read.
+    fn spline_of(session: &Session, made: Made) -> Result<(), Failure> {
+        let asked = (Basis::Hierarchical, None, 4);
+        let input = &made.input;
+        let (adapted, triangles) =
+            spline::fit(session, made.mesh, input, asked, &FitOptions::default())?;
+        let files = [Product::Vtu, Product::Step, Product::Glb];
+        session.files(1 + files.len() as u64, || {
+            for file in files {
+                spline::save(session, file, &adapted, &triangles, input)?;
+            }
+            session.picture("surface", || {
+                spline::picture(session, &adapted, &triangles, &input.surface)
+            })
         })
-    })
+    }
 }

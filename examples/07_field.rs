@@ -109,7 +109,7 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
         products::save_scene(session, "field", &scene)?;
         session.picture("field", || {
             session.show_scene("field", &scene);
-            Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+            scene.draw(session.rasterizer()?, products::SIZE)
         })
     })
 }

@@ -232,7 +232,7 @@ fn picture(
         found.score,
         products::grouped(found.forward.len())
     ));
-    Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    scene.draw(session.rasterizer()?, products::SIZE)
 }
 
 /// Thin three-sided rods.

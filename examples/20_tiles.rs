@@ -94,7 +94,7 @@ fn main() -> ExitCode {
 }
 
 fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
-    if session.device.gpu().is_some() {
+    if session.device.is_gpu() {
         return Err("tiles need the bits of their neighbours: take --backend cpu".into());
     }
     if args.exchange != Form::Threads {

@@ -7,7 +7,9 @@
 
 pub mod args;
 pub mod batch;
+#[cfg(feature = "analysis")]
 pub mod crosses;
+pub mod device;
 pub mod input;
 mod page;
 pub mod picture;

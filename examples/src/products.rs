@@ -141,7 +141,7 @@ pub fn picture_of_surface(
             grouped(mesh.area().round() as usize),
             grouped(mesh.volume().abs().round() as usize)
         ));
-        Ok(scene.draw(session.rasterizer()?, SIZE)?)
+        scene.draw(session.rasterizer()?, SIZE)
     })
 }
 
@@ -388,7 +388,7 @@ fn draw_volume(
     };
     let tets = grouped(mesh.tets().len());
     scene.caption = Some(format!("{tets} tetrahedra, {shown}"));
-    Ok(scene.draw(session.rasterizer()?, SIZE)?)
+    scene.draw(session.rasterizer()?, SIZE)
 }
 
 /// Writes `NAME.png`: smallest and largest dihedral angles before and after.

@@ -11,25 +11,18 @@ use std::time::{Duration, Instant};
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Parser};
-use crossfield::CrossfieldBackend;
-use dual_contour::ContourBackend;
-use gauss_density::DensityBackend;
-use geom_core::algebra::eigen::SpectralBackend;
 use geom_core::compute::usage::Usage;
-use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, TriMesh, Wgpu, io};
+use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, TriMesh, io};
 use indicatif::{ProgressBar, ProgressStyle};
-use secondfund_ops::OperatorBackend;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 #[cfg(unix)]
 use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
-use spectral_corresp::CorrespBackend;
-use tet_quality::QualityBackend;
-use tspline::SplineBackend;
 
-use crate::args::{BackendName, Common, HasCommon};
+use crate::args::{Common, HasCommon};
+use crate::device::Device;
 use crate::page::Page;
 use crate::picture::{Image, Rasterizer, Scene};
 use crate::products::Coloring;
@@ -187,112 +180,6 @@ where
     let session = Session::open(common, given, stop, head)?;
     pool.install(|| work(args, &session))?;
     session.close()
-}
-
-/// A place where kernels run: the asked one.
-pub enum Device {
-    /// The CPU.
-    Cpu(Cpu),
-    /// A GPU.
-    Wgpu(Wgpu),
-}
-
-impl Device {
-    fn open(name: BackendName) -> Result<Self, Failure> {
-        Ok(match name {
-            BackendName::Cpu => Self::Cpu(Cpu),
-            BackendName::Wgpu => Self::Wgpu(Wgpu::new()?),
-            BackendName::Auto => match Wgpu::new() {
-                Ok(gpu) if !gpu.gpu().is_software() => Self::Wgpu(gpu),
-                _ => Self::Cpu(Cpu),
-            },
-        })
-    }
-
-    /// For densities.
-    pub fn density(&self) -> &dyn DensityBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For meshing.
-    pub fn contour(&self) -> &dyn ContourBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For improvement.
-    pub fn quality(&self) -> &dyn QualityBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For eigenfunctions.
-    pub fn spectral(&self) -> &dyn SpectralBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For quads.
-    pub fn crossfield(&self) -> &dyn CrossfieldBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For operators of the second fundamental form.
-    pub fn operators(&self) -> &dyn OperatorBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For correspondences.
-    pub fn corresp(&self) -> &dyn CorrespBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// For T-meshes and splines.
-    pub fn spline(&self) -> &dyn SplineBackend {
-        match self {
-            Self::Cpu(cpu) => cpu,
-            Self::Wgpu(gpu) => gpu,
-        }
-    }
-
-    /// Its name for reports.
-    pub fn name(&self) -> String {
-        match self {
-            Self::Cpu(cpu) => cpu.name(),
-            Self::Wgpu(gpu) => gpu.name(),
-        }
-    }
-
-    /// The kernels that ran on it so far; none on the CPU, which counts nothing.
-    fn usage(&self) -> Usage {
-        self.gpu().map(|gpu| gpu.gpu().usage()).unwrap_or_default()
-    }
-
-    /// The GPU, if it is one.
-    pub fn gpu(&self) -> Option<&Wgpu> {
-        match self {
-            Self::Cpu(_) => None,
-            Self::Wgpu(gpu) => Some(gpu),
-        }
-    }
 }
 
 /// The state of a run. Its methods take `&self`, so that it can be used within its own stages.
@@ -587,7 +474,7 @@ impl Session {
             // Locked until it is set, so that only one is opened.
             let mut report = self.report();
             if self.rasterizer.get().is_none() {
-                let rasterizer = Rasterizer::new(self.common.renderer, self.device.gpu())?;
+                let rasterizer = Rasterizer::new(self.common.renderer, &self.device)?;
                 report.renderer = Some(rasterizer.name());
                 let _ = self.rasterizer.set(rasterizer);
             }

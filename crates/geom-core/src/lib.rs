@@ -29,8 +29,7 @@ pub mod algebra;
 // Bodies in tiles: what does not fit into one memory.
 pub mod tiles;
 
-// What triangle surfaces say, and how they are made better.
-#[cfg(feature = "surface")]
+// What triangle surfaces say, and how they are made better: most of it with the feature of that name.
 pub mod surface;
 
 // What all of them use: a field and its level sets, bounds, ids, the error of options, and how things are computed.

@@ -572,7 +572,7 @@ pub fn picture(made: &TMesh, session: &Session) -> Result<Image, Failure> {
         audit.extraordinary
     ));
     session.show_scene("tmesh", &scene);
-    Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    scene.draw(session.rasterizer()?, products::SIZE)
 }
 
 /// Levels as colours.

@@ -1,10 +1,11 @@
 //! Meshes with light and colour: what to draw, and from where.
 
-use geom_core::{GpuError, Point3, TriMesh, Vector3, nalgebra};
+use geom_core::{Point3, TriMesh, Vector3, nalgebra};
 
 use super::canvas::{Align, BAR_WIDTH};
 use super::shade::{FINE, Frame};
 use super::{Image, Rasterizer, Rgb, Scale};
+use crate::Failure;
 
 /// How a layer is coloured.
 #[derive(Clone, Debug)]
@@ -183,7 +184,7 @@ impl Scene {
     }
 
     /// Draws the scene so that it fills a picture of this size.
-    pub fn draw(&self, rasterizer: &Rasterizer, size: [usize; 2]) -> Result<Image, GpuError> {
+    pub fn draw(&self, rasterizer: &Rasterizer, size: [usize; 2]) -> Result<Image, Failure> {
         let own: Vec<&Paint> = self.layers.iter().map(|l| &l.paint).collect();
         let mut images = self.paint(rasterizer, size, &[own])?;
         Ok(images.remove(0))
@@ -196,7 +197,7 @@ impl Scene {
         rasterizer: &Rasterizer,
         size: [usize; 2],
         paints: &[Paint],
-    ) -> Result<Vec<Image>, GpuError> {
+    ) -> Result<Vec<Image>, Failure> {
         assert_eq!(self.layers.len(), 1, "a paint for the only layer");
         let paintings: Vec<_> = paints.iter().map(|p| vec![p]).collect();
         self.paint(rasterizer, size, &paintings)
@@ -207,7 +208,7 @@ impl Scene {
         rasterizer: &Rasterizer,
         [width, height]: [usize; 2],
         paintings: &[Vec<&Paint>],
-    ) -> Result<Vec<Image>, GpuError> {
+    ) -> Result<Vec<Image>, Failure> {
         let explained = self.scale.is_some() || !self.legend.is_empty();
         let bar = if explained { BAR_WIDTH } else { 0 };
         let foot = if self.caption.is_some() { 44 } else { 0 };

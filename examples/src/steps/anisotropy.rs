@@ -300,7 +300,7 @@ pub fn save_field(
         );
         scene.scale = Some(scale);
         scene.caption = Some("strokes along the gradient, as long as that is steep".into());
-        Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+        scene.draw(session.rasterizer()?, products::SIZE)
     })
 }
 

@@ -169,5 +169,5 @@ fn picture(session: &Session, made: &Quadrangulation) -> Result<Image, Failure> 
         made.report.valences.irregular()
     ));
     session.show_scene("quads", &scene);
-    Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    scene.draw(session.rasterizer()?, products::SIZE)
 }

@@ -205,7 +205,7 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
         let mut scene = Scene::new(vec![layer], view);
         let (count, groups) = (done.found.areas.len(), done.found.groups);
         scene.caption = Some(format!("{count} segments from {groups} groups"));
-        Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+        scene.draw(session.rasterizer()?, products::SIZE)
     })?;
     session.picture("modes", || picture_of_modes(session, done, view, modes))
 }

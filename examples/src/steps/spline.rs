@@ -217,7 +217,7 @@ pub fn picture(
         products::brief(adapted.errors.hausdorff)
     ));
     session.show_scene("surface", &scene);
-    Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    scene.draw(session.rasterizer()?, products::SIZE)
 }
 
 /// The curves where patches meet.

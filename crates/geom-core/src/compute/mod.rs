@@ -17,10 +17,9 @@ pub mod parallel;
 pub mod random;
 pub mod run;
 pub mod sets;
+pub mod usage;
 
 #[cfg(feature = "wgpu")]
 pub mod gpu;
-#[cfg(feature = "wgpu")]
-pub mod usage;
 
 pub use backend::BackendError;

@@ -74,6 +74,7 @@ impl Usage {
         Self(self.0.iter().filter_map(newer).collect())
     }
 
+    #[cfg(feature = "wgpu")]
     pub(super) fn of(&mut self, kernel: &'static str) -> &mut KernelUsage {
         self.0.entry(kernel).or_default()
     }

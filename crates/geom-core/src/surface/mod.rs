@@ -1,4 +1,4 @@
-//! What triangle surfaces say and how they are made better: feature `surface`.
+//! What triangle surfaces say and how they are made better; all but [`curvature`] and [`isoline`] with the feature `surface`.
 //!
 //! - [`laplace`]: cotangent stiffness, mass, gradient and divergence, the robust operator, the connection
 //! - [`curvature`]: principal curvatures by fitted quadrics
@@ -14,10 +14,16 @@
 //! one that does not suit.
 
 pub mod curvature;
+#[cfg(feature = "surface")]
 pub mod distance;
+#[cfg(feature = "surface")]
 pub mod flow;
+#[cfg(feature = "surface")]
 pub mod ground;
 pub mod isoline;
+#[cfg(feature = "surface")]
 pub mod laplace;
+#[cfg(feature = "surface")]
 pub mod remesh;
+#[cfg(feature = "surface")]
 pub mod repair;

@@ -139,7 +139,7 @@ pub(super) fn write_surface(
             "{} pockets; the first {SHOWN} are coloured",
             outlines.len()
         ));
-        Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+        scene.draw(session.rasterizer()?, products::SIZE)
     })
 }
 

@@ -9,6 +9,7 @@ mod color;
 mod cut;
 mod plot;
 mod raster_cpu;
+#[cfg(feature = "wgpu")]
 mod raster_gpu;
 mod scene;
 mod shade;
@@ -21,7 +22,11 @@ pub use plot::{Bars, Curve, histogram, lines};
 pub use scene::{Layer, Paint, Scene, View};
 pub use slice::slice;
 
+#[cfg(feature = "wgpu")]
 use geom_core::Wgpu;
+
+use crate::Failure;
+use crate::device::Device;
 
 /// Triangle number per pixel, row by row from the top; `u32::MAX` where there is none.
 pub struct Visible {
@@ -35,6 +40,7 @@ pub type Corner = [f32; 3];
 /// Finds the triangle that is seen at each pixel.
 pub enum Rasterizer {
     /// By a wgpu adapter.
+    #[cfg(feature = "wgpu")]
     Gpu(Wgpu),
     /// By the CPU.
     Cpu,
@@ -54,20 +60,29 @@ pub enum Renderer {
 }
 
 impl Rasterizer {
-    /// The asked one. `gpu` is a device that is already open, if there is one.
-    pub fn new(renderer: Renderer, gpu: Option<&Wgpu>) -> Result<Self, geom_core::GpuError> {
-        match (renderer, gpu) {
+    /// The asked one; the device on which the kernels run is open already.
+    pub fn new(renderer: Renderer, device: &Device) -> Result<Self, Failure> {
+        Ok(match renderer {
+            Renderer::Cpu => Self::Cpu,
             // A device that is not open yet takes longer to open than the picture to draw.
-            (Renderer::Cpu, _) | (Renderer::Auto, None) => Ok(Self::Cpu),
-            (Renderer::Auto, Some(gpu)) if gpu.gpu().is_software() => Ok(Self::Cpu),
-            (_, Some(gpu)) => Ok(Self::Gpu(gpu.clone())),
-            (Renderer::Wgpu, None) => Ok(Self::Gpu(Wgpu::new()?)),
+            Renderer::Auto if !device.is_hardware() => Self::Cpu,
+            Renderer::Wgpu if !device.is_gpu() => Self::on(&Device::adapter()?),
+            Renderer::Auto | Renderer::Wgpu => Self::on(device),
+        })
+    }
+
+    fn on(device: &Device) -> Self {
+        match device {
+            Device::Cpu(_) => Self::Cpu,
+            #[cfg(feature = "wgpu")]
+            Device::Wgpu(gpu) => Self::Gpu(gpu.clone()),
         }
     }
 
     /// Its name for reports.
     pub fn name(&self) -> String {
         match self {
+            #[cfg(feature = "wgpu")]
             Self::Gpu(gpu) => format!("wgpu ({})", gpu.gpu().adapter()),
             Self::Cpu => "cpu".to_owned(),
         }
@@ -78,9 +93,10 @@ impl Rasterizer {
         &self,
         triangles: &[[Corner; 3]],
         [width, height]: [usize; 2],
-    ) -> Result<Visible, geom_core::GpuError> {
+    ) -> Result<Visible, Failure> {
         match self {
-            Self::Gpu(gpu) => raster_gpu::visible(gpu.gpu(), triangles, [width, height]),
+            #[cfg(feature = "wgpu")]
+            Self::Gpu(gpu) => Ok(raster_gpu::visible(gpu.gpu(), triangles, [width, height])?),
             Self::Cpu => Ok(raster_cpu::visible(triangles, [width, height])),
         }
     }
