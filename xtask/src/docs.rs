@@ -189,8 +189,12 @@ impl Scratch {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["cargo", "run", "--example", name, "--", ref rest @ ..] => self.program(name, rest),
-            // Its lighter build is for who has nothing built yet, and is held by the gate's lints.
-            ["cargo", "pipeline", ref rest @ ..] => self.program("00_pipeline", rest),
+            // Its lighter build is for who has nothing built yet; the gate's lints compile it.
+            ["cargo", "pipeline", ref rest @ ..] if quick => self.program("00_pipeline", rest),
+            ["cargo", "pipeline", ref rest @ ..] => {
+                let mut pipeline = Command::new("cargo");
+                self.ended(pipeline.arg("pipeline"), rest)
+            }
             ["cargo", "xtask", ..] => {
                 let chore = crate::Arguments::try_parse_from(&words[1..]);
                 chore.map_err(|e| e.to_string().lines().next().unwrap_or_default().to_owned())?;
@@ -209,12 +213,18 @@ impl Scratch {
         }
     }
 
-    /// One of the programs, as the tests have built it. A file that is not bundled must be what it complains about: then
-    /// it has understood its options, for a wrong one ends it otherwise.
+    /// One of the programs, as the tests have built it.
     fn program(&self, name: &str, arguments: &[&str]) -> Result<&'static str, String> {
         let build = ["build", "--quiet", "--workspace", "--example", name];
         crate::call("cargo", &build, &[])?;
-        let output = Command::new(target().join("debug/examples").join(name))
+        let mut program = Command::new(target().join("debug/examples").join(name));
+        self.ended(&mut program, arguments)
+    }
+
+    /// What becomes of a program with these arguments. A file that is not bundled must be what it complains about: then it has
+    /// understood its options, for a wrong one ends it otherwise.
+    fn ended(&self, program: &mut Command, arguments: &[&str]) -> Result<&'static str, String> {
+        let output = program
             .args(arguments)
             .current_dir(&self.folder)
             .output()
