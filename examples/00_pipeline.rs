@@ -9,6 +9,7 @@ use biogeom_examples::device::left_out;
 use biogeom_examples::input::labels::LabelArgs;
 use biogeom_examples::input::source::{Source, SourceArgs};
 use biogeom_examples::{Failure, Session, products, steps};
+use clap::builder::{EnumValueParser, TypedValueParser};
 use clap::{Parser, ValueEnum};
 use gauss_density::{Model, sample};
 use geom_core::{Structure, TriMesh};
@@ -25,8 +26,9 @@ struct Args {
     #[command(flatten)]
     volume: VolumeArgs,
     /// What to make: tets (with their surface), surface (alone), density, modes, quads, tmesh, spline, segments, pockets, or
-    /// all of them. Each of the last seven has a folder of its own and is done as its program does it by default
-    #[arg(long, value_name = "STAGES", value_enum, value_delimiter = ',', hide_possible_values = true, default_values_t = [Stage::Tets])]
+    /// all of them. Each of the last seven has a folder of its own and is done as its program does it by default. `cargo
+    /// pipeline` has the first three
+    #[arg(long, value_name = "STAGES", value_parser = EnumValueParser::<Stage>::new().try_map(Stage::in_build), value_delimiter = ',', hide_possible_values = true, default_value = "tets")]
     stages: Vec<Stage>,
     /// Watch every step that it lets no walls of gaps that are not meshed cross, instead of parting them at the end; takes
     /// up to three times as long, and is for surfaces of which the report still counts crossing pairs
@@ -109,6 +111,17 @@ Outputs: surface.ply, surface.glb (coloured by --color) and surface.png; of stru
 per tetrahedron), volume.msh (named groups, for solvers) and volume.png (a cut); quality.png;
 report.json with counts, quality before and after, seconds per stage and peak memory.";
 
+impl Stage {
+    /// Builds without chapters 4 to 7 go as far as tetrahedra.
+    fn in_build(self) -> Result<Self, Failure> {
+        match self {
+            Self::Density | Self::Surface | Self::Tets => Ok(self),
+            _ if cfg!(feature = "analysis") => Ok(self),
+            _ => Err(left_out("stages after tets", "analysis")),
+        }
+    }
+}
+
 impl Args {
     fn wants(&self, stage: Stage) -> bool {
         self.stages.contains(&stage) || self.stages.contains(&Stage::All)
@@ -139,9 +152,6 @@ fn main() -> ExitCode {
 
 fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     let wants = |stage| args.wants(stage);
-    if !cfg!(feature = "analysis") && OF_SURFACES.into_iter().chain([Stage::Pockets]).any(wants) {
-        return Err(no_analysis());
-    }
     if !wants(Stage::Tets) {
         session.refuse(&OF_VOLUMES, "is for --stages tets")?;
     }
@@ -264,12 +274,7 @@ fn tetrahedra(args: &Args, session: &Session, source: &Source) -> Result<TriMesh
     Ok(surface)
 }
 
-/// What a build says that goes as far as tetrahedra.
-fn no_analysis() -> Failure {
-    left_out("stages after tets", "analysis")
-}
-
-/// What such a build has in place of the rest.
+/// What a build has in place of these that goes as far as tetrahedra.
 #[cfg(not(feature = "analysis"))]
 mod analysis {
     use super::{Args, Failure, Session, Structure, TriMesh};
@@ -280,7 +285,7 @@ mod analysis {
         _: &TriMesh,
         _: Option<&Structure>,
     ) -> Result<(), Failure> {
-        Err(super::no_analysis())
+        Err(super::left_out("stages after tets", "analysis"))
     }
 }
 

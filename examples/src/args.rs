@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
+use clap::builder::{EnumValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use dual_contour::{Extent, Material, Outer, Resolution, Shape, Zone};
 use gauss_density::{Cutoff, Levels};
@@ -11,6 +12,7 @@ use geom_core::structure::Selector;
 use geom_core::{Aabb, Point3, Structure, Vector3};
 use serde::{Serialize, Serializer};
 
+use crate::device::left_out;
 use crate::input::source::Source;
 use crate::picture::Renderer;
 use crate::{Failure, Session};
@@ -26,6 +28,24 @@ pub enum BackendName {
     Wgpu,
     /// A GPU if there is one in hardware, else the CPU
     Auto,
+}
+
+impl BackendName {
+    fn in_build(self) -> Result<Self, Failure> {
+        match self {
+            Self::Wgpu if !cfg!(feature = "wgpu") => Err(left_out("GPU", "wgpu")),
+            _ => Ok(self),
+        }
+    }
+}
+
+impl Renderer {
+    fn in_build(self) -> Result<Self, Failure> {
+        match self {
+            Self::Wgpu if !cfg!(feature = "wgpu") => Err(left_out("GPU", "wgpu")),
+            _ => Ok(self),
+        }
+    }
 }
 
 /// A path as it stands in a report: names of files need not be UTF-8, JSON must.
@@ -50,7 +70,7 @@ pub struct Common {
     #[serde(serialize_with = "as_text")]
     pub out: PathBuf,
     /// Where kernels run
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = EnumValueParser::<BackendName>::new().try_map(BackendName::in_build), default_value = "cpu")]
     pub backend: BackendName,
     /// Threads [default: one per core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -59,7 +79,7 @@ pub struct Common {
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub max_memory: Option<u64>,
     /// What draws the pictures
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = EnumValueParser::<Renderer>::new().try_map(Renderer::in_build), default_value = "auto")]
     pub renderer: Renderer,
     /// No PNG pictures, and no page
     #[arg(long)]

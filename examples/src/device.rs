@@ -62,7 +62,7 @@ impl Device {
     /// None in this build.
     #[cfg(not(feature = "wgpu"))]
     pub(crate) fn adapter() -> Result<Self, Failure> {
-        Err(left_out("kernels for GPUs", "wgpu"))
+        Err(left_out("GPU", "wgpu"))
     }
 
     /// For densities.
@@ -140,6 +140,6 @@ impl Device {
 
 /// What a program says that was built without a feature and is asked for what is in it.
 pub fn left_out(what: &str, feature: &str) -> Failure {
-    format!("this build has no {what} (feature {feature}): `cargo run --example` has them, `cargo pipeline` leaves them out")
+    format!("this build has no {what} (feature {feature}): `cargo run --example` builds all, `cargo pipeline` leaves this out")
         .into()
 }

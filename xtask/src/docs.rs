@@ -192,8 +192,8 @@ impl Scratch {
             // Its lighter build is for who has nothing built yet; the gate's lints compile it.
             ["cargo", "pipeline", ref rest @ ..] if quick => self.program("00_pipeline", rest),
             ["cargo", "pipeline", ref rest @ ..] => {
-                let mut pipeline = Command::new("cargo");
-                self.ended(pipeline.arg("pipeline"), rest)
+                crate::call("cargo", &["pipeline", "--version"], &[])?;
+                self.ended("00_pipeline", rest)
             }
             ["cargo", "xtask", ..] => {
                 let chore = crate::Arguments::try_parse_from(&words[1..]);
@@ -217,14 +217,13 @@ impl Scratch {
     fn program(&self, name: &str, arguments: &[&str]) -> Result<&'static str, String> {
         let build = ["build", "--quiet", "--workspace", "--example", name];
         crate::call("cargo", &build, &[])?;
-        let mut program = Command::new(target().join("debug/examples").join(name));
-        self.ended(&mut program, arguments)
+        self.ended(name, arguments)
     }
 
-    /// What becomes of a program with these arguments. A file that is not bundled must be what it complains about: then it has
+    /// What becomes of a program that was built last with these arguments. A file that is not bundled must be what it complains about: then it has
     /// understood its options, for a wrong one ends it otherwise.
-    fn ended(&self, program: &mut Command, arguments: &[&str]) -> Result<&'static str, String> {
-        let output = program
+    fn ended(&self, name: &str, arguments: &[&str]) -> Result<&'static str, String> {
+        let output = Command::new(target().join("debug/examples").join(name))
             .args(arguments)
             .current_dir(&self.folder)
             .output()

@@ -1430,7 +1430,7 @@ fn smoothing_lets_nothing_come_through_and_keeps_volumes() {
         let options = FlowOptions {
             iterations: 40,
             step: 0.25,
-            sharpen: 0.5,
+            sharpen: 1.0,
             tangential: 1.0,
             keep_apart,
             ..FlowOptions::default()

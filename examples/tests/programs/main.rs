@@ -20,7 +20,8 @@ use geom_core::testing::gpu_or_skip;
 use geom_core::{Point3, TriMesh, Vector3};
 use serde_json::{Value, json};
 
-/// A program of this package; `cargo test` builds them beside the tests.
+/// A program of this package; `cargo test` builds them beside the tests. With `--test programs` alone they are those that were built
+/// last, by `cargo pipeline` perhaps.
 fn program(name: &str) -> Command {
     let tests = std::env::current_exe().expect("this test has a path");
     let folder = tests
