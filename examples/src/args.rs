@@ -18,11 +18,10 @@ use crate::picture::Renderer;
 use crate::{Failure, Session};
 
 /// Where kernels run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackendName {
     /// The CPU
-    #[default]
     Cpu,
     /// A GPU, through wgpu; an error where there is no adapter
     Wgpu,
@@ -30,22 +29,16 @@ pub enum BackendName {
     Auto,
 }
 
-impl BackendName {
-    fn in_build(self) -> Result<Self, Failure> {
-        match self {
-            Self::Wgpu if !cfg!(feature = "wgpu") => Err(left_out("GPU", "wgpu")),
-            _ => Ok(self),
-        }
-    }
-}
-
-impl Renderer {
-    fn in_build(self) -> Result<Self, Failure> {
-        match self {
-            Self::Wgpu if !cfg!(feature = "wgpu") => Err(left_out("GPU", "wgpu")),
-            _ => Ok(self),
-        }
-    }
+/// Any of these but a GPU in a build without.
+fn but_gpu_if_none<T>(gpu: T) -> impl TypedValueParser<Value = T>
+where
+    T: ValueEnum + PartialEq + Send + Sync + 'static,
+{
+    let in_build = move |asked| match cfg!(feature = "wgpu") || asked != gpu {
+        true => Ok(asked),
+        false => Err(left_out("GPU", "wgpu")),
+    };
+    EnumValueParser::<T>::new().try_map(in_build)
 }
 
 /// A path as it stands in a report: names of files need not be UTF-8, JSON must.
@@ -70,7 +63,7 @@ pub struct Common {
     #[serde(serialize_with = "as_text")]
     pub out: PathBuf,
     /// Where kernels run
-    #[arg(long, value_parser = EnumValueParser::<BackendName>::new().try_map(BackendName::in_build), default_value = "cpu")]
+    #[arg(long, value_parser = but_gpu_if_none(BackendName::Wgpu), default_value = "cpu")]
     pub backend: BackendName,
     /// Threads [default: one per core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -79,7 +72,7 @@ pub struct Common {
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub max_memory: Option<u64>,
     /// What draws the pictures
-    #[arg(long, value_parser = EnumValueParser::<Renderer>::new().try_map(Renderer::in_build), default_value = "auto")]
+    #[arg(long, value_parser = but_gpu_if_none(Renderer::Wgpu), default_value = "auto")]
     pub renderer: Renderer,
     /// No PNG pictures, and no page
     #[arg(long)]

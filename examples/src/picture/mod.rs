@@ -47,11 +47,10 @@ pub enum Rasterizer {
 }
 
 /// Which rasterizer to take.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Renderer {
     /// The GPU if the kernels run on one, too, else the CPU.
-    #[default]
     Auto,
     /// A wgpu adapter, hardware or software.
     Wgpu,
