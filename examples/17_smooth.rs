@@ -56,7 +56,7 @@ struct Args {
     /// of the way, 0 to 1 [default: 0.1]
     #[arg(long, value_name = "SHARE")]
     tangential: Option<f64>,
-    /// A filter makes no corner of a face narrower than this, degrees below 60 [default: 10]
+    /// No corner of a face is made narrower than this, degrees below 60 [default: 10]
     #[arg(long, value_name = "DEGREES")]
     least_angle: Option<f64>,
     #[command(flatten)]
@@ -103,6 +103,7 @@ fn main() -> ExitCode {
 
 impl Args {
     fn options(&self) -> FlowOptions {
+        let defaults = FlowOptions::default();
         FlowOptions {
             operator: match self.method {
                 Method::MeanCurvature => FlowOperator::Lbo,
@@ -114,7 +115,8 @@ impl Args {
             keep_volume: self.keep_volume,
             keep_rims: !self.free_rims,
             keep_apart: !self.let_cross,
-            ..FlowOptions::default()
+            least_angle: self.least_angle.unwrap_or(defaults.least_angle),
+            ..defaults
         }
     }
 
@@ -155,8 +157,10 @@ impl Args {
             let of_flows = ["steps", "step", "sharpen", "normal_rounds"];
             session.refuse(&of_flows, "is of the flows, not of filters of normals")?;
         } else {
-            let of_filters = ["tangential", "least_angle"];
-            session.refuse(&of_filters, "is of filters of normals, not of the flows")?;
+            session.refuse(
+                &["tangential"],
+                "is of filters of normals, not of the flows",
+            )?;
         }
         if self.method == Method::MeanCurvature {
             session.refuse(&["sharpen"], "is of --method ggho")?;

@@ -357,6 +357,10 @@ pub struct FlowOptions {
     /// 7.24–7.25), that a vertex goes in its tangent plane per step.
     /// 0.05 by default; 0 leaves vertices where the flow carries them. Those of a crease go along it only.
     pub tangential: f64,
+    /// No corner of a face becomes narrower than this, or flatter than 180° less it, if it is not so from the start, in
+    /// degrees below 60.
+    /// 10 by default. Where that stops a vertex, the surface around it goes on.
+    pub least_angle: f64,
     /// Keep the enclosed volume, of a closed surface.
     /// Off by default; an open surface is refused with [`Error::Open`](crate::Error::Open).
     pub keep_volume: bool,
@@ -381,6 +385,7 @@ impl Default for FlowOptions {
             delta: 0.1,
             sharpen: 0.5,
             tangential: 0.05,
+            least_angle: 10.0,
             keep_volume: false,
             keep_rims: true,
             keep_apart: true,
@@ -409,9 +414,21 @@ impl FlowOptions {
         within("delta", self.delta, 1e-9, 1e9, "lie within 1e-9…1e9")?;
         within("sharpen", self.sharpen, 0.0, 1.0, "lie within 0…1")?;
         within("tangential", self.tangential, 0.0, 1.0, "lie within 0…1")?;
+        below_60(self.least_angle)?;
         require(self.refresh > 0, "refresh", 0, "be at least 1")?;
         self.quadrature.check()
     }
+}
+
+/// A triangle has a corner of at most 60 degrees.
+fn below_60(least_angle: f64) -> Result<(), OutOfRange> {
+    let below = (0.0..60.0).contains(&least_angle);
+    require(
+        below,
+        "least_angle",
+        least_angle,
+        "be at least 0 and below 60",
+    )
 }
 
 /// How the normals of faces are filtered.
@@ -497,11 +514,10 @@ impl FilterOptions {
             let within = value > 0.0 && value.is_finite();
             require(within, option, value, "be above 0 and finite")
         };
-        let (along, angle) = (self.tangential, self.least_angle);
+        let along = self.tangential;
         let within = (0.0..=1.0).contains(&along);
         require(within, "tangential", along, "lie within 0…1")?;
-        let below = (0.0..60.0).contains(&angle);
-        require(below, "least_angle", angle, "be at least 0 and below 60")?;
+        below_60(self.least_angle)?;
         match self.filter {
             NormalFilter::Bilateral { range, .. } => positive("range", range),
             NormalFilter::TotalVariation { fidelity, .. } => positive("fidelity", fidelity),

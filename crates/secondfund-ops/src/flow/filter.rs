@@ -96,8 +96,8 @@ fn filter<const N: usize>(
             variation::filtered(&sheet, rounds, fidelity, run)?
         }
     };
-    let least_sine = options.least_angle.to_radians().sin();
-    let mut guard = Guard::of(start, faces, Shape::Wide(least_sine), options.keep_apart)?;
+    let shape = Shape::wide(options.least_angle);
+    let mut guard = Guard::of(start, faces, shape, options.keep_apart)?;
     let enclosed = surface(start)?.volume();
     let mut positions = start.to_vec();
     let mut report = FlowReport::default();

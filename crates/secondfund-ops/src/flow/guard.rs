@@ -20,11 +20,29 @@ pub(crate) struct Guard<'a, const N: usize> {
 
 /// What faces must not become.
 #[derive(Clone, Copy)]
-pub(crate) enum Shape {
-    /// Folded against those around them. Many small turns may do that, of which none is a right angle: flows.
-    Unfolded,
-    /// With corners narrower or flatter than an angle of this sine: filters, whose steps are few.
-    Wide(f64),
+pub(crate) struct Shape {
+    /// With corners narrower or flatter than an angle of this sine.
+    least_sine: f64,
+    /// May be folded against those around them.
+    may_fold: bool,
+}
+
+impl Shape {
+    /// Filters, whose steps are few: no corner narrower than so many degrees.
+    pub(crate) fn wide(least_angle: f64) -> Self {
+        Self {
+            least_sine: least_angle.to_radians().sin(),
+            may_fold: true,
+        }
+    }
+
+    /// Flows: nor folded. Many small turns may do that, of which none is a right angle.
+    pub(crate) fn unfolded(least_angle: f64) -> Self {
+        Self {
+            may_fold: false,
+            ..Self::wide(least_angle)
+        }
+    }
 }
 
 /// Triangles that must not come through others.
@@ -120,14 +138,7 @@ fn hold_back<const N: usize>(
     moves: &mut [Vector3],
     shape: Shape,
 ) -> usize {
-    let least_sine = match shape {
-        Shape::Unfolded => 0.0,
-        Shape::Wide(sine) => sine,
-    };
-    let folds = match shape {
-        Shape::Unfolded => Some(folded(positions, faces)),
-        Shape::Wide(_) => None,
-    };
+    let folds = (!shape.may_fold).then(|| folded(positions, faces));
     let mut held = vec![0u32; positions.len()];
     let mut last = vec![0u32; positions.len()];
     for round in 1.. {
@@ -137,7 +148,7 @@ fn hold_back<const N: usize>(
         };
         let spoilt = faces.par_iter().with_min_len(1024).filter(|face| {
             face.iter().any(|&v| beside.get(v as usize) == Some(&true))
-                || spoils(positions, face, moves, least_sine)
+                || spoils(positions, face, moves, shape.least_sine)
         });
         let spoilt: Vec<&[u32; N]> = spoilt.collect();
         let mut any = false;
@@ -240,7 +251,7 @@ pub(crate) mod laws {
             Vector3::zeros(),
             Vector3::new(0.0, -1.5, 0.0),
         ];
-        assert_eq!(hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::Wide(0.0)), 1);
+        assert_eq!(hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::wide(0.0)), 1);
         assert!(moves[2].y > -1.0 && moves[2].y < 0.0);
     }
 
@@ -250,7 +261,7 @@ pub(crate) mod laws {
         let moved = |y: f64| {
             let mut moves = [Vector3::zeros(); 3];
             moves[2].y = y;
-            let held = hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::Wide(0.5));
+            let held = hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::wide(30.0));
             (held, 1.0 + moves[2].y)
         };
         let (held, height) = moved(-0.9);
@@ -260,7 +271,7 @@ pub(crate) mod laws {
         let mut moves = [Vector3::zeros(); 3];
         moves[2].y = 0.05;
         assert_eq!(
-            hold_back(&flat, &[[0, 1, 2]], &mut moves, Shape::Wide(0.5)),
+            hold_back(&flat, &[[0, 1, 2]], &mut moves, Shape::wide(30.0)),
             0
         );
     }
@@ -274,7 +285,7 @@ pub(crate) mod laws {
         moves[3..].fill(Vector3::new(0.0, 0.0, -0.15));
         let positions = [sheet(0.0), tip].concat();
         let held = |positions: &[Point3], keep_apart: bool| {
-            let mut guard = Guard::of(positions, &faces, Shape::Unfolded, keep_apart).unwrap();
+            let mut guard = Guard::of(positions, &faces, Shape::unfolded(0.0), keep_apart).unwrap();
             let mut moves = moves;
             let held = guard.hold_back(positions, &mut moves).unwrap();
             (held, moves[3].z)

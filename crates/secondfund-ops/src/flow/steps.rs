@@ -293,7 +293,8 @@ fn flow<F: Flowing, const N: usize>(
     let scale = UnitScale::of(start)?;
     let mut positions: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
     let volume = mesh.triangles(&positions)?.volume();
-    let mut guard = Guard::of(&positions, faces, Shape::Unfolded, options.keep_apart)?;
+    let shape = Shape::unfolded(options.least_angle);
+    let mut guard = Guard::of(&positions, faces, shape, options.keep_apart)?;
     let mut implicit = Implicit::default();
     let mut report = FlowReport::default();
     for step in 0..options.iterations {

@@ -288,6 +288,13 @@ pub(super) const FAULTS: &[Fault] = &[
         "sine < 0.0 && sine <",
     ),
     Fault::wrong(
+        "flows squeeze triangles",
+        "crates/secondfund-ops/src/flow/steps.rs",
+        "Shape::unfolded(options.least_angle)",
+        "Shape::unfolded(0.0 * options.least_angle)",
+    )
+    .seen_by("laws::flows_squeeze_no_triangles"),
+    Fault::wrong(
         "vertices spread across creases",
         "crates/secondfund-ops/src/flow/tangential.rs",
         "(1.0 - (curvature * edge / CREASE).powi(2)).max(0.0)",
