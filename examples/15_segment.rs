@@ -158,6 +158,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         OperatorName::Lbo => {
             let because = "is of --operator slo and --operator concave";
             session.refuse(&["weight", "regularization"], because)?;
+            session.refuse(&["normal_rounds"], "changes nothing of --operator lbo")?;
         }
         OperatorName::Parts => {
             session.refuse(&["weight"], "is of --operator slo and --operator concave")?;
@@ -189,7 +190,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         }
         mesh => {
             session.note("surface", json!({ "element": "triangles" }))?;
-            segments::of_triangles(session, mesh.into_triangles(), &asked)?
+            // Vertices of no face would count in its extent. Triangles keep their order.
+            let (mesh, _) = mesh.into_triangles().without_unused();
+            segments::of_triangles(session, mesh, &asked)?
         }
     };
     segments::finish(session, &done, args.modes.into())

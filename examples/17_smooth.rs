@@ -13,10 +13,11 @@ use secondfund_ops::flow::{FlowReport, filter_normals, filter_quad_normals};
 use secondfund_ops::options::FlowOperator;
 use secondfund_ops::{FilterOptions, FlowOptions, NormalFilter, smooth, smooth_quads};
 use serde::Serialize;
+use serde_json::json;
 
 /// A smoother surface: by the flow of an operator, or by filtered normals
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Mesh of triangles or quads (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
     #[serde(serialize_with = "biogeom_examples::args::as_text")]
@@ -62,6 +63,9 @@ struct Args {
     #[command(flatten)]
     common: Common,
 }
+
+/// By so much of itself a volume that is kept may change.
+const KEPT: f64 = 1e-3;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -192,7 +196,7 @@ fn triangles(args: &Args, session: &Session, mesh: &TriMesh) -> Result<(), Failu
         Some(filter) => filter_normals(mesh, &filter, on),
         None => smooth(mesh, args.normal_rounds, &args.options(), on),
     })?;
-    write(session, mesh, &done.mesh, &done.report)
+    write(args, session, mesh, &done.mesh, &done.report)
 }
 
 fn quads(args: &Args, session: &Session, mesh: &QuadMesh) -> Result<(), Failure> {
@@ -203,16 +207,23 @@ fn quads(args: &Args, session: &Session, mesh: &QuadMesh) -> Result<(), Failure>
     })?;
     io::mesh::save(session.output("smooth.obj")?, &Fields::from(&done.mesh))?;
     let [before, after] = [mesh, &done.mesh].map(|m| m.clone().into_triangles());
-    write(session, &before, &after, &done.report)
+    write(args, session, &before, &after, &done.report)
 }
 
 fn write(
+    args: &Args,
     session: &Session,
     before: &TriMesh,
     after: &TriMesh,
     report: &FlowReport,
 ) -> Result<(), Failure> {
     session.note("flow", report)?;
+    let [first, last] = report.volume;
+    if args.keep_volume && (last - first).abs() > KEPT * first.abs() {
+        let off = 100.0 * (last / first - 1.0);
+        let warning = format!("the volume has changed by {off:.2} % although it was to be kept");
+        session.note("advice", json!({ "warnings": [warning] }))?;
+    }
     products::note_surface(session, after)?;
     session.files(3, || {
         for (name, mesh) in [("1: before", before), ("2: after", after)] {

@@ -334,7 +334,7 @@ pub struct MeshArgs {
     #[arg(long, value_enum, default_value_t)]
     pub error_norm: ErrorNorm,
     /// A ball in which another tolerance holds: centre, radius and tolerance; may be repeated
-    #[arg(long, value_name = "X,Y,Z:R:LENGTH", value_parser = zone)]
+    #[arg(long, value_name = "X,Y,Z:R:LENGTH", value_parser = zone, allow_hyphen_values = true)]
     pub zone: Vec<Zone>,
     /// Atoms around which another tolerance holds, such as A,B:10-25=0.1; may be repeated
     #[arg(long, value_name = "SELECTOR=LENGTH", value_parser = finer)]
@@ -425,16 +425,16 @@ pub struct VolumeArgs {
     #[arg(long, value_name = "grid|box:S|sphere:S", default_value = "grid", value_parser = outer)]
     pub outer: Outer,
     /// A material between two planes, e.g. a membrane z:-15:15; may be repeated
-    #[arg(long, value_name = "AXIS:LOW:HIGH", value_parser = slab)]
+    #[arg(long, value_name = "AXIS:LOW:HIGH", value_parser = slab, allow_hyphen_values = true)]
     pub slab: Vec<Shape>,
     /// A material in a cylinder between two points; may be repeated
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = cylinder)]
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = cylinder, allow_hyphen_values = true)]
     pub cylinder: Vec<Shape>,
     /// A material in a ball; may be repeated
-    #[arg(long, value_name = "X,Y,Z:R", value_parser = ball)]
+    #[arg(long, value_name = "X,Y,Z:R", value_parser = ball, allow_hyphen_values = true)]
     pub ball: Vec<Shape>,
     /// A material in an axis-aligned box between two corners; may be repeated
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = cuboid)]
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = cuboid, allow_hyphen_values = true)]
     pub cuboid: Vec<Shape>,
     /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
     #[arg(long)]

@@ -130,17 +130,19 @@ pub fn refuse_mode_alone(guide: &Guide, session: &Session) -> Result<(), Failure
     Ok(())
 }
 
-/// A segment as a strip on the surface.
+/// A segment as a strip on either side of the surface: it may be inside out, or open and seen from behind.
 fn strip(layer: &mut Layer, [a, b]: [Point3; 2], normal: &Vector3, width: f64) {
     let side = normal.cross(&(b - a)).normalize() * (0.5 * width);
     let lift = normal * (0.6 * width);
-    let first = layer.positions.len() as u32;
-    layer
-        .positions
-        .extend([a - side, b - side, b + side, a + side].map(|p| p + lift));
-    layer
-        .faces
-        .extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+    for lift in [lift, -lift] {
+        let first = layer.positions.len() as u32;
+        layer
+            .positions
+            .extend([a - side, b - side, b + side, a + side].map(|p| p + lift));
+        layer
+            .faces
+            .extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+    }
 }
 
 fn plain(color: Rgb) -> Layer {

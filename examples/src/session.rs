@@ -522,17 +522,36 @@ impl Session {
             (report.outputs.clone(), lines)
         };
         let mut session = self;
+        let earlier = outputs_of(&session.common.out.join("report.json"));
         if let Some(staging) = session.staging.take() {
             staging.publish(&outputs)?;
         }
         let seconds = session.started.elapsed().as_secs_f64();
         let (n, folder) = (outputs.len(), session.common.out.display());
+        let stays =
+            |name: &String| !outputs.contains(name) && session.common.out.join(name).exists();
+        let left: Vec<String> = earlier.into_iter().filter(stays).collect();
+        if !left.is_empty() {
+            lines.push(format!(
+                "warning: still there, of an earlier run in {folder}: {}",
+                left.join(", ")
+            ));
+        }
         lines.push(format!(
             "{n} files in {folder} after {seconds:.1} s: {}",
             outputs.join(", ")
         ));
         Ok(lines.join("\n"))
     }
+}
+
+/// The outputs that a report names, if it is one.
+fn outputs_of(report: &Path) -> Vec<String> {
+    let read = std::fs::read(report).ok();
+    let value = read.and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    let names = value.as_ref().and_then(|v| v["outputs"].as_array());
+    let text = |name: &serde_json::Value| Some(name.as_str()?.to_owned());
+    names.into_iter().flatten().filter_map(text).collect()
 }
 
 /// How the hidden folders are named, and the file in them that a living run locks.

@@ -22,6 +22,7 @@ pub fn lines(notes: &Map<String, Value>) -> Vec<String> {
         .into_iter()
         .chain(elements(notes))
         .chain(parts)
+        .chain(correspondence(notes))
         .chain(warned)
         .collect()
 }
@@ -89,6 +90,22 @@ fn elements(notes: &Map<String, Value>) -> Option<String> {
         ));
     }
     Some(line.join(", "))
+}
+
+/// `the correspondence is good, coverage 0.98, 0.0 % without a match, distance of the shapes 0.12`.
+fn correspondence(notes: &Map<String, Value>) -> Option<String> {
+    let found = notes.get("correspondence")?;
+    let number = |key: &str| found[key].as_f64();
+    let mut line = format!(
+        "the correspondence is {}, coverage {:.2}, {:.1} % without a match",
+        found["verdict"].as_str()?,
+        number("coverage")?,
+        100.0 * number("unmatched")?
+    );
+    if let Some(distance) = notes.get("distance").and_then(Value::as_f64) {
+        line += &format!(", distance of the shapes {}", brief(distance));
+    }
+    Some(line)
 }
 
 fn warnings(notes: &Map<String, Value>) -> Vec<String> {

@@ -108,7 +108,7 @@ pub struct MatchArgs {
     #[arg(long, value_enum, default_value_t)]
     pub refine: RefineName,
     /// A point of the first shape and where it is in the second, Å; at least three
-    #[arg(long, value_name = "X,Y,Z=X,Y,Z", value_parser = anchor, conflicts_with = "start")]
+    #[arg(long, value_name = "X,Y,Z=X,Y,Z", value_parser = anchor, allow_hyphen_values = true, conflicts_with = "start")]
     pub anchor: Vec<(Point3, Point3)>,
     /// Structures: residues of the same chain, number and name belong together
     #[arg(long, conflicts_with_all = ["start", "anchor"])]
@@ -464,7 +464,7 @@ fn of_mesh(
     options: &ShapeOptions,
 ) -> Result<Body, Failure> {
     let read = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
-    let surface = read.mesh.into_triangles();
+    let (surface, _) = read.mesh.into_triangles().without_unused();
     let extent = Aabb::of_points(surface.positions()).extent().amax();
     let h = *spacing.get_or_insert(extent / ALONG);
     let on = session.on(session.device.corresp());

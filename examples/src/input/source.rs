@@ -19,7 +19,8 @@ use crate::{Failure, Session};
 /// A structure or a grid, and how to make a field of it.
 #[derive(Clone, Debug, Args, Serialize)]
 pub struct SourceArgs {
-    /// Structure (PDB, mmCIF, PQR) or grid (MRC, CCP4, OpenDX), each also gzip-compressed
+    /// Structure (PDB, mmCIF, PQR) or grid (MRC, CCP4, OpenDX), each also gzip-compressed; for what begins with a surface (06 to 11)
+    /// also a mesh (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
     #[serde(serialize_with = "crate::args::as_text")]
     pub input: PathBuf,
     /// Grids: the value on the surface; inside it is larger

@@ -126,8 +126,8 @@ impl AspectSummary {
     }
 }
 
-/// The largest distance between a quad mesh, its quads halved, and a surface, measured from vertices, midpoints and
-/// centres of either, Å: from the quads to the surface, and back.
+/// The largest distance between a quad mesh, its quads halved, and a surface, measured from the corners, midpoints and
+/// centres of the triangles of either, Å: from the quads to the surface, and back.
 ///
 /// Maxima over these samples, which may miss what lies between them.
 ///
@@ -137,7 +137,12 @@ pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error>
     let halves = quads.clone().into_triangles();
     let one = |from: &TriMesh, to: &TriMesh| -> Result<f64, Error> {
         let tree = TriangleTree::new(to)?;
-        let mut samples = from.positions().to_vec();
+        // Vertices of no triangle are not on the surface.
+        let mut is_corner = vec![false; from.positions().len()];
+        let all = from.triangles().as_flattened();
+        all.iter().for_each(|&v| is_corner[v as usize] = true);
+        let corners = from.positions().iter().zip(is_corner);
+        let mut samples: Vec<Point3> = corners.filter_map(|(p, is)| is.then_some(*p)).collect();
         for t in 0..from.triangles().len() {
             let [a, b, c] = from.corners(t).map(|p| p.coords);
             samples.push(Point3::from((a + b + c) / 3.0));

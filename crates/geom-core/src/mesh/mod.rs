@@ -191,6 +191,24 @@ impl TriMesh {
         (self.positions, self.triangles)
     }
 
+    /// The mesh without the vertices of no triangle, and the number here of each of its vertices. Triangles keep their order.
+    pub fn without_unused(&self) -> (Self, Vec<u32>) {
+        let mut number = vec![u32::MAX; self.positions.len()];
+        let all = self.triangles.as_flattened();
+        all.iter().for_each(|&v| number[v as usize] = 0);
+        let is_used = |v: &u32| number[*v as usize] == 0;
+        let used: Vec<u32> = (0..self.positions.len() as u32).filter(is_used).collect();
+        for (new, &v) in used.iter().enumerate() {
+            number[v as usize] = new as u32;
+        }
+        let corners = |t: &[u32; 3]| t.map(|v| number[v as usize]);
+        let mesh = Self {
+            positions: used.iter().map(|&v| self.positions[v as usize]).collect(),
+            triangles: self.triangles.iter().map(corners).collect(),
+        };
+        (mesh, used)
+    }
+
     /// The connected components, the one of the largest area first; vertices without a triangle belong
     /// to none.
     ///

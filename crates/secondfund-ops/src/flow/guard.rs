@@ -74,9 +74,32 @@ impl<'a, const N: usize> Guard<'a, N> {
         positions: &[Point3],
         moves: &mut [Vector3],
     ) -> Result<usize, Error> {
+        self.hold(positions, moves, self.shape)
+    }
+
+    /// The same of an offset of the whole surface, which may narrow corners: it does so by little, and what stays behind would be a
+    /// dent.
+    pub(crate) fn hold_back_offset(
+        &mut self,
+        positions: &[Point3],
+        moves: &mut [Vector3],
+    ) -> Result<usize, Error> {
+        let shape = Shape {
+            least_sine: 0.0,
+            ..self.shape
+        };
+        self.hold(positions, moves, shape)
+    }
+
+    fn hold(
+        &mut self,
+        positions: &[Point3],
+        moves: &mut [Vector3],
+        shape: Shape,
+    ) -> Result<usize, Error> {
         let mut held = 0;
         loop {
-            held += hold_back(positions, self.faces, moves, self.shape);
+            held += hold_back(positions, self.faces, moves, shape);
             let Some(apart) = &mut self.apart else {
                 return Ok(held);
             };

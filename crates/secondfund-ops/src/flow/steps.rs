@@ -221,6 +221,17 @@ fn smooth_on(
     run: On<'_>,
 ) -> Result<Smoothed<TriMesh>, Error> {
     options.check()?;
+    let (used, numbers) = mesh.without_unused();
+    if numbers.len() < mesh.positions().len() {
+        // Vertices of no triangle stay where they are, and have no say.
+        let Smoothed { mesh: done, report } = smooth_on(&used, rounds, options, run)?;
+        let mut positions = mesh.positions().to_vec();
+        for (&v, p) in numbers.iter().zip(done.positions()) {
+            positions[v as usize] = *p;
+        }
+        let mesh = TriMesh::new(positions, mesh.triangles().to_vec())?;
+        return Ok(Smoothed { mesh, report });
+    }
     let edges = Halfedges::<3>::of(mesh)?;
     let flowing = Triangles {
         triangles: mesh.triangles(),

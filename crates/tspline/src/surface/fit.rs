@@ -6,7 +6,7 @@
 //! samples leave control points undetermined; that of the surface itself would draw it inwards.
 
 use geom_core::algebra::quadrature::gauss;
-use geom_core::algebra::{Cholesky, SparseMatrix, iterate};
+use geom_core::algebra::{self, Cholesky, SparseMatrix, iterate};
 use geom_core::options::{OutOfRange, require};
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, Run, TriMesh, VertexId};
@@ -143,6 +143,8 @@ impl FitOptions {
 
 /// How much the bending of what a round changes counts beside distance: enough to keep the equations regular.
 const CHANGE: f64 = 1e-6;
+/// How much where a control point is counts beside the mean of what determines one, where nothing determines some.
+const HOLD: f64 = 1e-9;
 
 /// How a fit went.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -180,8 +182,19 @@ fn fit_on(
 ) -> Result<FitReport, Error> {
     options.check()?;
     let plan = Plan::new(surface, target, options, run)?;
-    let alone = plan.matrix(surface, &[])?;
-    let factor = Cholesky::of(&alone)?;
+    let free = plan.matrix(surface, &[])?;
+    // At a rim that goes in steps functions may depend on each other: there control points are held a little to where they are.
+    let (alone, factor, hold) = match Cholesky::of(&free) {
+        Ok(factor) => (free, factor, 0.0),
+        Err(algebra::Error::NotPositiveDefinite { .. }) => {
+            let trace: f64 = free.diagonal().iter().sum();
+            let hold = HOLD * trace / free.rows() as f64;
+            let held = held(&free, hold);
+            let factor = Cholesky::of(&held)?;
+            (held, factor, hold)
+        }
+        Err(error) => return Err(error.into()),
+    };
     let mut report = FitReport::default();
     for round in 0..options.rounds {
         run.progress("fit", round.into(), options.rounds.into())?;
@@ -190,7 +203,9 @@ fn fit_on(
             0 => Vec::new(),
             _ => plan.back(surface, target)?,
         };
-        let (right, rms) = plan.right_side(surface, target, &back, run)?;
+        let (mut right, rms) = plan.right_side(surface, target, &back, run)?;
+        let now = surface.controls().iter().flat_map(|c| [c.x, c.y, c.z]);
+        right.iter_mut().zip(now).for_each(|(r, c)| *r += hold * c);
         report.rms.push(rms);
         let refined = iterate::Options {
             tolerance: 1e-10,
@@ -200,7 +215,7 @@ fn fit_on(
             iterate::refine(&alone, &factor, &right, 3, &refined)?
         } else {
             // Of the same pattern and much like it.
-            let matrix = plan.matrix(surface, &back)?;
+            let matrix = held(&plan.matrix(surface, &back)?, hold);
             iterate::conjugate_gradients(&matrix, &factor, &right, 3, &refined)?
         };
         let controls = found
@@ -213,6 +228,11 @@ fn fit_on(
         .rms
         .push(plan.right_side(surface, target, &[], run)?.1);
     Ok(report)
+}
+
+/// A matrix with so much more on its diagonal.
+fn held(matrix: &SparseMatrix, hold: f64) -> SparseMatrix {
+    matrix.map(|i, j, a| if i == j { a + hold } else { a })
 }
 
 /// What stays the same in all rounds.
