@@ -256,6 +256,7 @@ fn tetrahedra(args: &Args, session: &Session, source: &Source) -> Result<TriMesh
 
     let surface = products::molecule_surface(&mesh);
     products::note_volume(session, &mesh)?;
+    products::warn_of_missing(session, &mesh, &options.materials)?;
     products::note_surface(session, &surface)?;
     session.files(9, || {
         products::side_by_side(

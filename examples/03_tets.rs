@@ -68,6 +68,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("contour", &made.report)?;
     session.note("quality", tet_quality::quality_report(&made.mesh))?;
     products::note_volume(session, &made.mesh)?;
+    products::warn_of_missing(session, &made.mesh, &options.materials)?;
     products::note_surface(session, &made.surface)?;
     session.files(8, || {
         products::side_by_side(

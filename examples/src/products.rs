@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use dual_contour::Material;
 use geom_core::io::{
     self,
     view::{NO_CELL, View as Fields},
@@ -247,6 +248,26 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
         "valid": audit.is_valid(),
     });
     session.note("volume", numbers)
+}
+
+/// Warns of materials of which nothing came into the mesh.
+pub fn warn_of_missing(
+    session: &Session,
+    mesh: &TetMesh,
+    materials: &[Material],
+) -> Result<(), Failure> {
+    let is_missing = |m: &&Material| !mesh.regions().contains(&m.region);
+    let warning = |m: &Material| {
+        format!(
+            "region {} has no tetrahedra: its material lies outside of what is meshed, or is thinner than a cell",
+            m.region
+        )
+    };
+    let warnings: Vec<String> = materials.iter().filter(is_missing).map(warning).collect();
+    if warnings.is_empty() {
+        return Ok(());
+    }
+    session.note("advice", json!({ "warnings": warnings }))
 }
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut. `view` is the mesh with

@@ -265,7 +265,10 @@ fn distances_are_those_of_either_side() {
     let square = |extent: f64| [[0.0, 0.0], [extent, 0.0], [extent, 1.0], [0.0, 1.0]];
     let points = |extent| square(extent).map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
     let small = QuadMesh::new(points(1.0), vec![[0, 1, 2, 3]]).unwrap();
-    let large = TriMesh::new(points(3.0), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+    let mut corners = points(3.0);
+    // No triangle has this one.
+    corners.push(Point3::new(9.0, 9.0, 9.0));
+    let large = TriMesh::new(corners, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
     let [there, back] = distances(&small, &large).unwrap();
     assert!(
         there < 1e-12 && (back - 2.0).abs() < 1e-12,

@@ -99,6 +99,15 @@ fn components_are_taken_apart() {
         assert_eq!(part.positions().len(), ball.positions().len());
         assert!(SurfaceAudit::of(part).is_closed_manifold());
     }
+    let (used, numbers) = mesh.without_unused();
+    let all: Vec<u32> = (0..mesh.positions().len() as u32 - 1).collect();
+    assert!(numbers == all && used.triangles() == mesh.triangles());
+    assert!(used.positions() == &mesh.positions()[..all.len()]);
+    let (first, second) = (Point3::origin(), mesh.positions());
+    let shifted = mesh.triangles().iter().map(|t| t.map(|v| v + 1));
+    let positions = std::iter::once(first).chain(second.iter().copied());
+    let shifted = TriMesh::new(positions.collect(), shifted.collect()).unwrap();
+    assert!(shifted.without_unused().0 == used);
     assert_eq!(parts.len(), 3);
     assert_eq!(parts[2].triangles(), shapes::icosphere(1.0, 1).triangles());
     assert!(TriMesh::default().components().is_empty());

@@ -1446,6 +1446,32 @@ fn flows_squeeze_no_triangles() {
     }
 }
 
+/// A disc with fans of narrow triangles as its ends: a volume that is kept is kept there, too, and a vertex of no triangle stays
+/// and has no say.
+#[test]
+fn narrow_corners_do_not_cost_volume_nor_unused_vertices_a_say() {
+    let disc = shapes::cylinder(1.0, 0.3, 96, 4);
+    assert!(narrow(&disc).0 < 4.0);
+    let far = Point3::new(9.0, 9.0, 9.0);
+    let more = disc.positions().iter().copied().chain([far]).collect();
+    let with_unused = TriMesh::new(more, disc.triangles().to_vec()).unwrap();
+    for operator in [FlowOperator::Ggho, FlowOperator::Lbo] {
+        let options = FlowOptions {
+            operator,
+            keep_volume: true,
+            ..FlowOptions::default()
+        };
+        let done = smooth(&disc, 1, &options, Run::on(&Cpu)).unwrap();
+        let [before, after] = done.report.volume;
+        assert!((after / before - 1.0).abs() < 1e-4, "{:?}", done.report);
+        assert!(done.report.rms_displacement > 1e-4, "{:?}", done.report);
+        let same = smooth(&with_unused, 1, &options, Run::on(&Cpu)).unwrap();
+        let (last, others) = same.mesh.positions().split_last().unwrap();
+        assert!(*last == far && others == done.mesh.positions());
+        assert_eq!(same.report, done.report);
+    }
+}
+
 /// Through both filters goes a molecular surface, as it is and with noise: no triangle is squeezed.
 #[test]
 fn filters_squeeze_no_triangles() {

@@ -899,6 +899,33 @@ fn rims_are_met() {
     assert!(errors.hausdorff < 0.02 && errors.rms < 2e-3, "{errors:?}");
 }
 
+/// Along a rim that goes in steps functions depend on each other: what nothing determines stays where it is.
+#[test]
+fn rims_may_go_in_steps() {
+    let whole = plane(12, 12);
+    let inside = |q: &&[u32; 4]| {
+        let p = q.map(|v| whole.positions()[v as usize]);
+        p.iter().all(|p| p.x + 0.8 * p.y <= 18.1)
+            && !p
+                .iter()
+                .all(|p| (3.0..=6.0).contains(&p.x) && (3.0..=6.0).contains(&p.y))
+    };
+    let quads: Vec<[u32; 4]> = whole.quads().iter().filter(inside).copied().collect();
+    let mut used: Vec<u32> = quads.as_flattened().to_vec();
+    used.sort_unstable();
+    used.dedup();
+    let number = |v: u32| used.binary_search(&v).expect("used") as u32;
+    let quads = quads.iter().map(|q| q.map(number)).collect();
+    let positions = used.iter().map(|&v| whole.positions()[v as usize]);
+    let stepped = QuadMesh::new(positions.collect(), quads).expect("a mesh");
+    let target = stepped.clone().into_triangles();
+    let near = MeshTarget::new(&target).expect("a target");
+    let mut surface = build(&stepped, Basis::Hierarchical, |_| 0);
+    fit(&mut surface, &near, &FitOptions::default(), cpu()).expect("a fit");
+    let (errors, _) = errors(&surface, &target, cpu()).expect("errors");
+    assert!(errors.hausdorff < 1e-4 && errors.rms < 1e-6, "{errors:?}");
+}
+
 fn text(write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> String {
     let mut out = Vec::new();
     write(&mut out).expect("memory");

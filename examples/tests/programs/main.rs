@@ -706,7 +706,7 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     assert_eq!(report["counts"]["singularities"], field["singularities"]);
     assert_png(out.join("field.png"));
     assert!(out.join("field.vtu").exists());
-    // The surface, two strokes of two triangles per cross and the balls over it, in one file.
+    // The surface, two strokes of two triangles per cross on either side and the balls over it, in one file.
     let triangles = |path: &Path| match io::mesh::read(path).unwrap().mesh {
         AnyMesh::Tri(mesh) => mesh.triangles().len(),
         _ => panic!("{} is no triangle mesh", path.display()),
@@ -716,7 +716,7 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     let balls = singularities * shapes::icosphere(1.0, 1).triangles().len();
     assert_eq!(
         triangles(&out.join("field.glb")),
-        surface + 4 * surface + balls
+        surface + 8 * surface + balls
     );
 
     let guided = folder.path().join("guided");
@@ -1953,6 +1953,36 @@ fn options_without_effect_are_refused() {
         &[&map, "--isovalue", "1"],
         &folder.path().join("ball"),
     );
+}
+
+/// Materials of which nothing is meshed, files of another run, coordinates that begin with a minus.
+#[test]
+fn what_is_odd_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, out) = (fixture("1AJJ.pdb"), folder.path().join("out"));
+    let said = |name: &str, args: &[&str]| {
+        let coarse = ["--spacing", "2", "--select", "residue:4-9", "--no-pictures"];
+        let output = run(name, &[&[&*input], args, &coarse].concat(), &out);
+        let text = [output.stdout, output.stderr].concat();
+        let text = String::from_utf8_lossy(&text).into_owned();
+        (output.status.success(), text)
+    };
+    let far = ["--ball", "-900,-3.5,0:2"];
+    let (ended, text) = said("03_tets", &far);
+    assert!(!ended && text.contains("option materials is set"), "{text}");
+    assert!(!out.exists());
+    let both = [&far[..], &["--region", "both"]].concat();
+    let (ended, text) = said("03_tets", &both);
+    let missing = "warning: region 2 has no tetrahedra";
+    assert!(ended && text.contains(missing), "{text}");
+    assert!(!text.contains("still there"), "{text}");
+    let (ended, text) = said("02_surface", &[]);
+    let stays = text.lines().find(|l| l.contains("still there"));
+    assert!(
+        ended && stays.is_some_and(|l| l.contains("volume.vtu")),
+        "{text}"
+    );
+    assert!(stays.is_some_and(|l| !l.contains("surface.ply")), "{text}");
 }
 
 #[test]

@@ -199,5 +199,12 @@ fn what_matters_is_said() {
     assert_eq!(said[2], "quads: 1,200 quads, 8 irregular vertices");
     assert!(said[3].starts_with("warning: 2 atoms have radius 0"));
     assert_eq!(said[4..], ["warning: odd", "warning: wider bounds"]);
+    let compared = json!({
+        "correspondence": { "verdict": "doubtful", "coverage": 0.984, "unmatched": 0.0556, "warnings": ["odd"] },
+        "distance": 7.1194,
+    });
+    let said = words::lines(compared.as_object().unwrap());
+    let told = "the correspondence is doubtful, coverage 0.98, 5.6 % without a match, distance of the shapes 7.1194";
+    assert_eq!(said, [told, "warning: odd"]);
     assert!(words::lines(&Map::new()).is_empty());
 }

@@ -100,9 +100,10 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     let asked = [
         ("outer", options.outer != Outer::Grid),
         ("separate_exterior", options.separate_exterior),
+        ("materials", !options.materials.is_empty()),
     ];
     if let Some((option, _)) = asked.iter().find(|(_, set)| *set && interior) {
-        let must = "be left alone where the exterior is not meshed; or take Extent::Exterior or Extent::Both";
+        let must = "be left alone where the exterior is not meshed; or take the exterior or both as the region";
         return Err(OutOfRange::new(option, "set", must).into());
     }
     let options = resolved(values, field, options, run)?;

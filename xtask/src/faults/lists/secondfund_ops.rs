@@ -295,6 +295,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::flows_squeeze_no_triangles"),
     Fault::wrong(
+        "narrow corners hold a volume back",
+        "crates/secondfund-ops/src/flow/guard.rs",
+        "            least_sine: 0.0,\n",
+        "            least_sine: self.shape.least_sine,\n",
+    )
+    .seen_by("laws::narrow_corners_do_not_cost_volume_nor_unused_vertices_a_say"),
+    Fault::wrong(
         "vertices spread across creases",
         "crates/secondfund-ops/src/flow/tangential.rs",
         "(1.0 - (curvature * edge / CREASE).powi(2)).max(0.0)",
