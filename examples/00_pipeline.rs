@@ -91,6 +91,21 @@ const OF_VOLUMES: [&str; 9] = [
     "keep_apart",
 ];
 
+/// The options of everything that is meshed.
+const OF_MESHES: [&str; 11] = [
+    "method",
+    "cell",
+    "tets",
+    "tolerance",
+    "error_norm",
+    "zone",
+    "finer",
+    "max_cell",
+    "placement",
+    "at_box",
+    "prune",
+];
+
 const EXAMPLES: &str = "\
 Examples:
   00_pipeline 1ajj.pdb --out out
@@ -155,6 +170,13 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     if !wants(Stage::Tets) {
         session.refuse(&OF_VOLUMES, "is for --stages tets")?;
     }
+    let of_surfaces = OF_SURFACES.into_iter().any(wants);
+    if !wants(Stage::Tets) && !wants(Stage::Surface) {
+        session.refuse(&["color"], "is for --stages surface and tets")?;
+        if !of_surfaces {
+            session.refuse(&OF_MESHES, "is for stages that mesh something")?;
+        }
+    }
     if matches!(args.volume.region, Region::Both) {
         session.refuse(&["keep_apart"], "is for --region interior and exterior")?;
     }
@@ -176,12 +198,12 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     // The surface on which the others work is the skin of the tetrahedra if there are some.
     let surface = if wants(Stage::Tets) {
         tetrahedra(args, session, &source)?
-    } else if wants(Stage::Surface) || OF_SURFACES.into_iter().any(wants) {
+    } else if wants(Stage::Surface) || of_surfaces {
         surface(args, session, &source, wants(Stage::Surface))?
     } else {
         TriMesh::default()
     };
-    if OF_SURFACES.into_iter().any(wants) || structure.is_some() && wants(Stage::Pockets) {
+    if of_surfaces || structure.is_some() && wants(Stage::Pockets) {
         analysis::run(args, session, &surface, structure)?;
     }
     Ok(())

@@ -61,9 +61,10 @@ fn main() -> ExitCode {
 
 fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let pair = args.shapes.read(session)?;
+    // Before what takes long.
+    let truth = args.truth_atoms.then(|| pair.truth()).transpose()?;
     let found = args.matching.find(&pair, session)?;
-    if args.truth_atoms {
-        let truth = pair.truth()?;
+    if let Some(truth) = truth {
         let (a, b) = (&pair.first.shape, &pair.second.shape);
         session.note("truth", truth.judge(a, b, &found.forward)?)?;
         let places = truth.judge_places(a, b, &found.places(b))?;

@@ -54,6 +54,8 @@ fn main() -> ExitCode {
 
 fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let pair = args.shapes.read(session)?;
+    // Before what takes long.
+    let truth = args.truth_atoms.then(|| pair.truth()).transpose()?;
     let found = args.matching.find(&pair, session)?;
     let (a, b) = (&pair.first.shape, &pair.second.shape);
     let unit = args.matching.unit(&pair);
@@ -66,9 +68,8 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let compared = session.stage("comparison", || compare(a, b, &found.forward, &options, on))?;
     session.note("comparison", compared.report)?;
     session.note("distance", compared.report.distance())?;
-    if args.truth_atoms {
-        let judged = pair.truth()?.judge(a, b, &found.forward)?;
-        session.note("truth", judged)?;
+    if let Some(truth) = truth {
+        session.note("truth", truth.judge(a, b, &found.forward)?)?;
     }
     let surface = &pair.first.surface;
     let on_surface = |values: &[f64]| pair.first.on_surface(values, surface);

@@ -131,7 +131,7 @@ pub fn picture_of_surface(
     coloring: &Coloring,
 ) -> Result<(), Failure> {
     session.picture(name, || {
-        let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+        let view = View::of_surface(mesh).turned(0.25, 0.2);
         let paint = Paint::Vertices(coloring.colors.clone());
         let mut scene = Scene::new(vec![Layer::surface(mesh, paint)], view);
         scene.scale = coloring.scale.clone();

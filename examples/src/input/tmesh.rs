@@ -319,6 +319,7 @@ impl TMeshArgs {
 impl ElementArgs {
     /// Makes a T-mesh of a surface; notes counts and quality.
     pub fn make(&self, input: Input, session: &Session) -> Result<Made, Failure> {
+        self.look_up(&input)?;
         products::note_surface(session, &input.surface)?;
         let input = input.into_manifold(session)?;
         let fine = self.fine_quads(&input, session)?;
@@ -361,6 +362,15 @@ impl ElementArgs {
             return Err(format!("--turn {} must lie between 0 and 360 degrees", self.turn).into());
         }
         Ok(())
+    }
+
+    /// An error for levels of what is not in the input: quads take long to make.
+    fn look_up(&self, input: &Input) -> Result<(), Failure> {
+        match &self.levels {
+            Some(Wanted::Near(parts, pairs)) => levels_of_chains(*parts, pairs, 0, input).map(drop),
+            Some(Wanted::Field(name)) => named(name, input).map(drop),
+            Some(Wanted::Curvature) | None => Ok(()),
+        }
     }
 
     /// The highest level: how often the coarsest quads are cut.
@@ -414,15 +424,7 @@ impl ElementArgs {
                 levels::by_curvature(fine, &places, self.turn.to_radians(), highest)?
             }
             Wanted::Field(name) => {
-                let field = input
-                    .fields
-                    .iter()
-                    .find(|f| f.name == *name)
-                    .ok_or_else(|| {
-                        let names: Vec<&str> =
-                            input.fields.iter().map(|f| f.name.as_str()).collect();
-                        format!("there is no point field `{name}` in the input; it has {names:?}")
-                    })?;
+                let field = named(name, input)?;
                 let places = Places::of(input.given(), fine)?;
                 levels::by_field(&places.values(&field.values.to_f64())?, highest)
             }
@@ -453,6 +455,19 @@ impl ElementArgs {
     }
 }
 
+/// The point field of this name.
+fn named<'a>(name: &str, input: &'a Input) -> Result<&'a Field<'static>, Failure> {
+    let found = input.fields.iter().find(|f| f.name == name);
+    Ok(found.ok_or_else(|| {
+        let names: Vec<&str> = input.fields.iter().map(|f| f.name.as_str()).collect();
+        let known = match names.is_empty() {
+            true => "none".to_owned(),
+            false => names.join(", "),
+        };
+        format!("there is no point field `{name}` in the input; it has {known}")
+    })?)
+}
+
 /// The level of the chain or domain nearest to each quad: as given, or else the highest.
 fn near(
     parts: Parts,
@@ -461,9 +476,30 @@ fn near(
     input: &Input,
     fine: &QuadMesh,
 ) -> Result<Vec<u8>, Failure> {
+    let levels = levels_of_chains(parts, pairs, highest, input)?;
+    let labels = Labels::of(structure(parts, input)?, &levels::centres(fine))?;
+    Ok(labels
+        .chains()
+        .iter()
+        .map(|&c| levels[c as usize])
+        .collect())
+}
+
+fn structure(parts: Parts, input: &Input) -> Result<&Structure, Failure> {
     let what = parts.name();
     let none = || format!("--levels {what}:… is for structures, and the input is none");
-    let structure = input.structure.as_ref().ok_or_else(none)?;
+    Ok(input.structure.as_ref().ok_or_else(none)?)
+}
+
+/// The level of each chain: as given for it or its domain, or else the highest.
+fn levels_of_chains(
+    parts: Parts,
+    pairs: &[(String, u8)],
+    highest: u8,
+    input: &Input,
+) -> Result<Vec<u8>, Failure> {
+    let what = parts.name();
+    let structure = structure(parts, input)?;
     let chains = structure.chains();
     let mut names: Vec<String> = chains.iter().map(|c| c.name.to_string()).collect();
     if parts == Parts::Domain {
@@ -481,13 +517,7 @@ fn near(
             .find(|(n, _)| n == name)
             .map_or(highest, |p| p.1)
     };
-    let levels: Vec<u8> = names.iter().map(level).collect();
-    let labels = Labels::of(structure, &levels::centres(fine))?;
-    Ok(labels
-        .chains()
-        .iter()
-        .map(|&c| levels[c as usize])
-        .collect())
+    Ok(names.iter().map(level).collect())
 }
 
 /// Refuses more quads than there is memory for.

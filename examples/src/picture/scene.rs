@@ -60,11 +60,31 @@ pub struct View {
 impl View {
     /// The widest extent of the points to the right, the least towards the eye.
     pub fn principal(points: &[Point3]) -> Self {
-        let n = points.len().max(1) as f64;
-        let mean = points.iter().fold(Vector3::zeros(), |s, p| s + p.coords) / n;
-        let covariance = points.iter().fold(nalgebra::Matrix3::zeros(), |s, p| {
+        let equal: Vec<(Point3, f64)> = points.iter().map(|&p| (p, 1.0)).collect();
+        Self::of_weighted(&equal)
+    }
+
+    /// The same of a surface, whatever its triangles: before and after remeshing it is seen from one side.
+    pub fn of_surface(mesh: &TriMesh) -> Self {
+        // Midpoints of edges integrate what is quadratic.
+        let middles = (0..mesh.triangles().len()).flat_map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let area = mesh.doubled_area_normal(t).norm();
+            [(a, b), (b, c), (c, a)].map(|(p, q)| (nalgebra::center(&p, &q), area))
+        });
+        Self::of_weighted(&middles.collect::<Vec<_>>())
+    }
+
+    fn of_weighted(points: &[(Point3, f64)]) -> Self {
+        let total = points.iter().map(|p| p.1).sum::<f64>();
+        let n = if total > 0.0 { total } else { 1.0 };
+        let sum = points
+            .iter()
+            .fold(Vector3::zeros(), |s, (p, w)| s + p.coords * *w);
+        let mean = sum / n;
+        let covariance = points.iter().fold(nalgebra::Matrix3::zeros(), |s, (p, w)| {
             let d = p.coords - mean;
-            s + d * d.transpose()
+            s + d * d.transpose() * *w
         }) / n;
         let eigen = covariance.symmetric_eigen();
         let mut order = [0, 1, 2];

@@ -1886,7 +1886,28 @@ fn options_without_effect_are_refused() {
             &[&atoms, "--region", "both", "--keep-apart"],
             "--keep-apart is for",
         ),
+        (
+            "00_pipeline",
+            &[&atoms, "--stages", "density", "--prune", "5"],
+            "--prune is for stages that mesh",
+        ),
+        (
+            "00_pipeline",
+            &[&atoms, "--stages", "pockets", "--color", "element"],
+            "--color is for --stages surface and tets",
+        ),
         ("07_field", &[&mesh, "--mode", "hard"], "--mode says how"),
+        (
+            "15_segment",
+            &[&mesh, "--operator", "lbo", "--normal-rounds", "5"],
+            "--normal-rounds changes nothing",
+        ),
+        (
+            "12_correspond",
+            &[&mesh, &mesh, "--truth-atoms"],
+            "only structures know",
+        ),
+        ("10_tmesh", &[&atoms, "--levels", "height"], "it has none"),
         (
             "09_anisotropy",
             &[&mesh, "--reach", "2"],

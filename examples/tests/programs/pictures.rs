@@ -9,7 +9,7 @@ use biogeom_examples::products::GOLD;
 use geom_core::mesh::shapes;
 use geom_core::structure::{Element, Transform};
 use geom_core::testing::{gpu_or_skip, same_on_any_threads};
-use geom_core::{ImplicitField, Lattice, Point3, Structure, TetMesh, Vector3};
+use geom_core::{ImplicitField, Lattice, Point3, QuadMesh, Structure, TetMesh, Vector3};
 
 #[test]
 fn both_rasterizers_see_the_same_triangles() {
@@ -98,6 +98,28 @@ fn views_are_right_handed() {
         assert!((view.right.cross(&view.up) - view.toward).norm() < 1e-12);
         assert!((view.toward.norm() - 1.0).abs() < 1e-12);
     }
+    // One body, one of whose ends has most of the triangles: it is seen from the same side.
+    let rod = |cuts: &[f64]| {
+        let mut rings: Vec<f64> = [0.0, 9.0].iter().chain(cuts).copied().collect();
+        rings.sort_by(f64::total_cmp);
+        let corners = [[-1.0, -0.3], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.7]];
+        let at = |z: f64| corners.map(|[x, y]| Point3::new(x + 0.2 * z, y + 0.1 * z, z));
+        let positions = rings.iter().flat_map(|&z| at(z)).collect();
+        let quads = (1..rings.len() as u32).flat_map(|r| {
+            (0..4).map(move |k| {
+                let [a, b] = [k, (k + 1) % 4].map(|k| 4 * (r - 1) + k);
+                [a, b, b + 4, a + 4]
+            })
+        });
+        QuadMesh::new(positions, quads.collect())
+            .unwrap()
+            .into_triangles()
+    };
+    let (plain, cut) = (rod(&[]), rod(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]));
+    let [a, b] = [&plain, &cut].map(View::of_surface);
+    assert!((a.right - b.right).norm() + (a.up - b.up).norm() < 1e-9);
+    let [a, b] = [&plain, &cut].map(|m| View::principal(m.positions()));
+    assert!((a.right - b.right).norm() + (a.up - b.up).norm() > 1e-3);
     let turned = View::along_axes(&points).turned(0.0, 0.3);
     assert!(
         turned.toward.dot(&View::along_axes(&points).up) > 0.0,

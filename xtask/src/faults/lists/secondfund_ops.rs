@@ -158,8 +158,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "volumes are restored the wrong way",
         "crates/secondfund-ops/src/flow/volume.rs",
-        "let along = missing / mesh.area();",
-        "let along = -missing / mesh.area();",
+        "let along = missing / (share * mesh.area());",
+        "let along = -missing / (share * mesh.area());",
     ),
     Fault::wrong(
         "the bilateral filter does not look at directions",
