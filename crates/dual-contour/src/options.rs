@@ -80,6 +80,7 @@ pub struct Options {
     pub at_box: AtBox,
     /// Materials other than the molecule (region 1), by decreasing priority: a point that is not
     /// inside of the molecule belongs to the first that holds it, else to the exterior (region 0).
+    /// Refused where the exterior is not meshed.
     pub materials: Vec<Material>,
     /// Connected groups of fewer lattice points than this on one side of the level are given to the
     /// other side before meshing; 0 keeps all, and more than all points there are is an error.

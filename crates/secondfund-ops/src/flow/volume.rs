@@ -18,7 +18,8 @@ pub(super) fn restore<const N: usize>(
     guard: &mut Guard<'_, N>,
 ) -> Result<usize, Error> {
     let mut held = 0;
-    // What of an offset's volume arrives: less than all where faces meet at sharp angles, as the last one has shown.
+    // What of an offset's volume arrives: less than all where faces meet at sharp angles, as the last one has shown. Where vertices
+    // were held back, too little does, and the others are not to make up for all of it.
     let (mut share, mut before) = (1.0, None);
     for _ in 0..STEPS {
         let mesh = surface(positions)?;
@@ -27,7 +28,7 @@ pub(super) fn restore<const N: usize>(
             break;
         }
         if let Some(before) = before.replace(missing) {
-            share *= (1.0 - missing / before).clamp(0.1, 2.0);
+            share = f64::clamp(share * (1.0 - missing / before), 0.25, 2.0);
         }
         let along = missing / (share * mesh.area());
         let mut moves: Vec<Vector3> = mesh.vertex_normals().iter().map(|n| n * along).collect();
