@@ -359,7 +359,8 @@ pub struct FlowOptions {
     pub tangential: f64,
     /// No corner of a face becomes narrower than this, or flatter than 180° less it, if it is not so from the start, in
     /// degrees below 60.
-    /// 10 by default. Where that stops a vertex, the surface around it goes on.
+    /// 10 by default. Where that stops a vertex, the surface around it goes on; a volume that could not be kept otherwise goes
+    /// before it.
     pub least_angle: f64,
     /// Keep the enclosed volume, of a closed surface.
     /// Off by default; an open surface is refused with [`Error::Open`](crate::Error::Open).

@@ -21,18 +21,27 @@ pub(super) fn restore<const N: usize>(
     // What of an offset's volume arrives: less than all where faces meet at sharp angles, as the last one has shown. Where vertices
     // were held back, too little does, and the others are not to make up for all of it.
     let (mut share, mut before) = (1.0, None);
-    for _ in 0..STEPS {
+    for step in 0..STEPS {
         let mesh = surface(positions)?;
         let missing = volume - mesh.volume();
         if missing.abs() <= ERROR * volume.abs() {
             break;
+        }
+        let may_narrow = step + 2 >= STEPS;
+        if step + 2 == STEPS {
+            // What corners held back says nothing of the rest.
+            (share, before) = (1.0, None);
         }
         if let Some(before) = before.replace(missing) {
             share = f64::clamp(share * (1.0 - missing / before), 0.25, 2.0);
         }
         let along = missing / (share * mesh.area());
         let mut moves: Vec<Vector3> = mesh.vertex_normals().iter().map(|n| n * along).collect();
-        held += guard.hold_back_offset(positions, &mut moves)?;
+        // Corners that would become too narrow first stay behind; only where the others do not make up for it, they do not.
+        held += match may_narrow {
+            false => guard.hold_back(positions, &mut moves)?,
+            true => guard.hold_back_offset(positions, &mut moves)?,
+        };
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
     }
     Ok(held)
