@@ -16,6 +16,7 @@ pub use crate::kernel::fan::laws::{
     diagonals_are_best, fans_are_best, fans_are_the_same_in_any_lane,
     the_regular_tetrahedron_has_seventy_degrees,
 };
+pub use crate::octree::domain::laws::a_point_is_deep_in_its_region_alone;
 pub use crate::octree::points::laws::points_are_numbered_in_order;
 pub use crate::octree::samples::prune::laws::more_nodes_than_numbers_are_refused;
 pub use crate::octree::sizing::laws::{

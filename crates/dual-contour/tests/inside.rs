@@ -19,6 +19,7 @@ geom_core::laws! {
     diagonals_are_best
     fans_are_the_same_in_any_lane
     fans_are_best
+    a_point_is_deep_in_its_region_alone
     points_are_numbered_in_order
     more_nodes_than_numbers_are_refused
     trilinear_fields_have_no_error

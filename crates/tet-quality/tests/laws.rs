@@ -722,6 +722,47 @@ fn options_out_of_range_are_refused() {
     );
 }
 
+/// A plane between two regions outside of a ball passes near it: its vertices are not the ball's, and stay in the plane.
+/// Those near the ball were drawn onto it.
+#[test]
+fn a_plane_beside_the_isosurface_stays_plane() {
+    let (mesh, ball) = ball_in_box(12, 1.0, 3.6);
+    let (positions, tets, mut regions, mut kinds) = mesh.into_parts();
+    let height = |z: f64| z - 11.0;
+    for (tet, region) in tets.iter().zip(&mut regions) {
+        let middle = tet.iter().map(|&v| positions[v as usize].z).sum::<f64>() / 4.0;
+        if *region == 0 && height(middle) > 0.0 {
+            *region = 2;
+        }
+    }
+    // What is inside of the box slides along its interface.
+    let is_on_plane = |x: &Point3| height(x.z) == 0.0;
+    for (x, kind) in positions.iter().zip(&mut kinds) {
+        if is_on_plane(x) && *kind == VertexKind::Interior {
+            *kind = VertexKind::Surface;
+        } else if is_on_plane(x) {
+            *kind = VertexKind::Fixed;
+        }
+    }
+    let mesh = TetMesh::with_kinds(positions, tets, regions, kinds).unwrap();
+    let options = Options {
+        level: 1.0,
+        ..Options::default()
+    };
+    let better = improved(mesh, Some(&ball), &options).mesh;
+    let mut met = 0;
+    for face in better.interfaces() {
+        if [face.inside, face.outside] == [0, 2] || [face.inside, face.outside] == [2, 0] {
+            met += 1;
+            for v in face.triangle {
+                let z = better.positions()[v as usize].z;
+                assert!(height(z).abs() < 1e-9, "{z}");
+            }
+        }
+    }
+    assert!(met > 100, "{met}");
+}
+
 #[test]
 fn a_field_that_is_not_finite_is_named() {
     struct Hole;

@@ -35,6 +35,9 @@ const NEWTON: Guard = Guard {
     near: NEAR,
 };
 
+/// How near to the sides of its cell a dual vertex may go at which three regions meet, as a share of the cell.
+const JUNCTION_INSET: f64 = 0.3;
+
 /// A box-shaped cell: its lowest corner and its edge, in finest cells.
 ///
 /// What is searched for in it is seen from that corner, and comes out as an [`exact`] number of cells: so the same
@@ -60,6 +63,24 @@ impl Room {
     fn clamp(&self, x: Point3) -> Point3 {
         let inset = INSET * self.size;
         x.map(|c| c.clamp(inset, self.size - inset))
+    }
+
+    /// The point farthest on the way from one point of the cell to another that is well off its sides: it may not move
+    /// any more, whatever the shape of what stands on it.
+    fn towards(&self, from: Point3, to: Point3) -> Point3 {
+        let side = JUNCTION_INSET * self.size;
+        let share = (0..3).map(|k| {
+            let (low, high) = (from[k].min(side), from[k].max(self.size - side));
+            let (a, b) = (from[k], to[k]);
+            if b < low {
+                (a - low) / (a - b)
+            } else if b > high {
+                (high - a) / (b - a)
+            } else {
+                1.0
+            }
+        });
+        from + (to - from) * share.fold(1.0, f64::min)
     }
 
     /// How near is near enough is a share of the cell's size.
@@ -130,7 +151,7 @@ impl<'a> Probe<'a> {
     }
 
     /// Is the interface between two labels the level set?
-    pub(super) fn on_level(p: Region, q: Region) -> bool {
+    pub(crate) fn on_level(p: Region, q: Region) -> bool {
         p == INTERIOR || q == INTERIOR
     }
 
@@ -266,13 +287,45 @@ impl<'a> Probe<'a> {
         let n = crossings.len() as f64;
         let all = crossings.iter().map(|c| c.0.coords);
         let mass = Point3::from(all.sum::<Vector3>() / n);
-        if self.placement == Placement::Mass || crossings.iter().any(|c| !c.1) {
+        if self.placement == Placement::Mass || crossings.iter().all(|c| !c.1) {
             Start::There(cell.clamp(mass))
+        } else if crossings.iter().any(|c| !c.1) {
+            let junction = self.junction(cell, mass, crossings);
+            Start::There(junction.unwrap_or_else(|| cell.clamp(mass)))
         } else if self.placement == Placement::Qef {
             Start::There(cell.clamp(self.nearest_to_planes(cell, &mass, crossings)))
         } else {
             Start::From(cell.clamp(mass))
         }
+    }
+
+    /// Where the boundary of two materials meets the surface in a cell: by Newton steps of least length onto both. `None`
+    /// where they hardly cross, or the surface is not known.
+    fn junction(&self, cell: &Room, mass: Point3, crossings: &[(Point3, bool)]) -> Option<Point3> {
+        const STEPS: usize = 4;
+        /// Least squared sine between the two.
+        const CROSSED: f64 = 0.04;
+        let (domain, labels) = (&self.samples.domain, &self.samples.labels);
+        let walls = crossings.iter().filter(|c| !c.1).map(|c| c.0.coords);
+        let wall = Point3::from(walls.clone().sum::<Vector3>() / walls.count() as f64);
+        let world = |x: &Point3| domain.world_from(&local(cell.low), &x.coords);
+        let label = labels.at(f64::NEG_INFINITY, &world(&wall));
+        let depth = |x: &Point3| labels.depth(label, &world(x)) / domain.spacing;
+        let mut x = cell.clamp(mass);
+        for _ in 0..STEPS {
+            let level = self.tangent(cell, x)?;
+            let n = level.gradient.try_normalize(1e-12)?;
+            let w = depth_gradient(depth, &x).try_normalize(0.5)?;
+            let across = [-level.height / level.gradient.norm(), -depth(&x)];
+            let (cos, sin2) = (n.dot(&w), 1.0 - n.dot(&w).powi(2));
+            if sin2 < CROSSED {
+                return None;
+            }
+            let along_n = (across[0] - cos * across[1]) / sin2;
+            let along_w = (across[1] - cos * across[0]) / sin2;
+            x = cell.clamp(x + n * along_n + w * along_w);
+        }
+        Some(cell.towards(mass, x))
     }
 
     /// From a point of a cell to the surface, within the cell.
@@ -359,6 +412,15 @@ impl<'a> Probe<'a> {
         }
         x
     }
+}
+
+/// The gradient of a depth at a point, both in cells, by central differences: exact beside plane faces.
+pub(crate) fn depth_gradient(depth: impl Fn(&Point3) -> f64, x: &Point3) -> Vector3 {
+    const APART: f64 = 1e-4;
+    Vector3::from_fn(|k, _| {
+        let d = Vector3::ith(k, APART);
+        (depth(&(x + d)) - depth(&(x - d))) / (2.0 * APART)
+    })
 }
 
 /// Label, value and position of a corner.

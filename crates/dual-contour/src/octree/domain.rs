@@ -107,6 +107,26 @@ impl Labels {
             .map_or(EXTERIOR, |m| m.region)
     }
 
+    /// How deep a point lies in the region of a label, Å, the molecule aside: negative outside of it. As exact as the
+    /// depths of the shapes are.
+    pub(crate) fn depth(&self, label: Region, x: &Point3) -> f64 {
+        let within = self.outer.map_or(f64::INFINITY, |s| s.depth(x));
+        if label == OUTSIDE {
+            return -within;
+        }
+        // What is left by the shapes before, of other regions; what those of this region hold of it.
+        let (mut left, mut held) = (within, f64::NEG_INFINITY);
+        for material in &self.materials {
+            let depth = material.shape.depth(x);
+            if material.region == label {
+                held = held.max(depth.min(left));
+            } else {
+                left = left.min(-depth);
+            }
+        }
+        if label == EXTERIOR { left } else { held }
+    }
+
     /// The label of all points within `reach` of `x` that are not in the molecule, if they have one.
     /// Since a shape's depth changes by no more than the distance, a boundary deeper or farther than `reach` does not
     /// come nearer.
@@ -120,5 +140,54 @@ impl Labels {
         } else {
             Some(self.at(f64::NEG_INFINITY, x))
         }
+    }
+}
+
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
+    use super::*;
+
+    /// Of overlapping shapes, two of one region, in an outer sphere: at any point exactly the label's own depth is not
+    /// negative, and no depth changes by more than the distance.
+    pub fn a_point_is_deep_in_its_region_alone() {
+        let ball = |center: [f64; 3], radius| Shape::Sphere {
+            center: center.into(),
+            radius,
+        };
+        let slab = |normal, low, high| Shape::Slab { normal, low, high };
+        let of = |region, shape| Material { region, shape };
+        let labels = Labels {
+            level: 1.0,
+            materials: vec![
+                of(3, ball([1.0, 0.0, 0.0], 2.0)),
+                of(2, slab(Vector3::new(1.0, 1.0, 0.0), -1.0, 2.0)),
+                of(3, ball([-1.0, 1.0, 0.5], 1.5)),
+                of(4, slab(Vector3::z(), 0.0, 1.0)),
+            ],
+            outer: Some(ball([0.0; 3], 4.0)),
+        };
+        let mut met = [0; 5];
+        let mut before: Option<(Point3, [f64; 5])> = None;
+        for i in 0..4000 {
+            let x =
+                Point3::from([0.31, 0.47, 0.73].map(|s| 9.0 * ((f64::from(i) * s) % 1.0) - 4.5));
+            let regions = [EXTERIOR, 2, 3, 4, OUTSIDE];
+            let depths = regions.map(|r| labels.depth(r, &x));
+            let here = labels.at(f64::NEG_INFINITY, &x);
+            for (k, (region, depth)) in regions.into_iter().zip(depths).enumerate() {
+                assert_eq!(depth >= 0.0, region == here, "{x}: {depth} in {region}");
+                met[k] += usize::from(region == here);
+            }
+            if let Some((y, others)) = before.replace((x, depths)) {
+                let pairs = depths.iter().zip(others);
+                assert!(
+                    pairs
+                        .into_iter()
+                        .all(|(a, b)| (a - b).abs() <= (x - y).norm() + 1e-12)
+                );
+            }
+        }
+        assert!(met.iter().all(|&n| n > 50), "{met:?}");
     }
 }

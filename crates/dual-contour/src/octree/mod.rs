@@ -5,7 +5,7 @@
 //! values where labels change, [`splits`] says from these which cells are too large, and [`Octree`] makes the coarsest
 //! balanced tree in which they are split.
 
-mod domain;
+pub(crate) mod domain;
 mod field;
 pub(crate) mod points;
 pub(crate) mod samples;

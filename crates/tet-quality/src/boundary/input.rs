@@ -78,28 +78,88 @@ fn set_freedoms(
 ) -> Result<Vec<u32>, Error> {
     let faces = InterfaceFaces::new(mesh, beyond);
     let state = &*mesh;
-    let judged = parallel::map(state.x.len(), |v| judge(state, v as u32, &faces, field));
+    let sides = match field {
+        Some(field) if !field.own => Sides::of(mesh, field)?,
+        _ => Sides::unknown(),
+    };
+    let judged = parallel::map(state.x.len(), |v| {
+        judge(state, v as u32, &faces, field, &sides)
+    });
     let judged: Vec<Judged> = judged.into_iter().collect::<Result<_, _>>()?;
     let junctions = (0..judged.len() as u32)
         .filter(|&v| judged[v as usize].junction)
         .collect();
     mesh.freedom = judged.into_iter().map(|j| j.freedom).collect();
     if field.is_some_and(|field| !field.own) {
-        join_field(mesh, &faces);
+        join_field(mesh, &faces, &sides);
     }
     Ok(junctions)
+}
+
+/// On which side of the isosurface each region lies. Two regions on one side, such as a membrane and the exterior, meet on
+/// a surface of their own, however near to the isosurface that passes.
+struct Sides([Option<bool>; 256]);
+
+impl Sides {
+    /// Most tetrahedra of a region that are asked.
+    const ASKED: usize = 256;
+
+    fn unknown() -> Self {
+        Self([None; 256])
+    }
+
+    /// As three quarters of the middles of some tetrahedra of each have it, evenly spread over their numbers.
+    ///
+    /// # Errors
+    /// Those of the field.
+    fn of(mesh: &EditableMesh, field: &Isosurface<'_>) -> Result<Self, Error> {
+        let living = || (0..mesh.tets.len()).filter(|&t| !mesh.is_empty_slot(t as u32));
+        let mut counts = [0usize; 256];
+        living().for_each(|t| counts[usize::from(mesh.regions[t])] += 1);
+        let mut met = [0usize; 256];
+        let asked: Vec<usize> = living()
+            .filter(|&t| {
+                let region = usize::from(mesh.regions[t]);
+                met[region] += 1;
+                (met[region] - 1) % counts[region].div_ceil(Self::ASKED) == 0
+            })
+            .collect();
+        let middle = |&t: &usize| {
+            let sum: Vector3 = mesh.corners(mesh.tets[t]).iter().map(|x| x.coords).sum();
+            Point3::from(0.25 * sum)
+        };
+        let middles: Vec<Point3> = asked.iter().map(middle).collect();
+        let mut above = [[0usize; 2]; 256];
+        for (&t, found) in asked.iter().zip(field.tangents(&middles)?) {
+            if found.height.is_nan() {
+                continue;
+            }
+            above[usize::from(mesh.regions[t])][usize::from(found.height >= 0.0)] += 1;
+        }
+        Ok(Self(above.map(|[below, above]| {
+            let clear = below.max(above) > 3 * below.min(above);
+            clear.then_some(above > below)
+        })))
+    }
+
+    /// May the isosurface part the two, as far as is known?
+    fn may_differ(&self, pair: [Region; 2]) -> bool {
+        let [a, b] = pair.map(|r| self.0[usize::from(r)]);
+        a.is_none() || b.is_none() || a != b
+    }
 }
 
 /// At pinches and where the mesh is too coarse for the isosurface, some of its vertices lie far from
 /// it. They belong to it where what is around them along the interface does; where nothing else is
 /// around them, as in a bubble of the lattice's size, where the interface of the same two regions
 /// does everywhere else.
-fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces) {
+fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces, sides: &Sides) {
     let lost: Vec<bool> = parallel::map(mesh.x.len(), |v| {
         let v = v as u32;
         mesh.freedom[v as usize] == Freedom::Fixed
             && mesh.kinds[v as usize] != VertexKind::Fixed
             && is_disk(faces.of(v))
+            && sides.may_differ(faces.of(v)[0].pair)
     });
     let mut joined = Vec::new();
     for cluster in clusters(mesh, faces, &lost) {
@@ -405,6 +465,7 @@ fn judge(
     v: u32,
     faces: &InterfaceFaces,
     field: Option<&Isosurface<'_>>,
+    sides: &Sides,
 ) -> Result<Judged, Error> {
     let fan = faces.of(v);
     let kind = mesh.kinds[v as usize];
@@ -444,7 +505,9 @@ fn judge(
                     Freedom::Fixed if is_smooth(mesh, x, fan) => Freedom::Field,
                     exact => exact,
                 },
-                Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
+                Some(field) if sides.may_differ(fan[0].pair) && field.holds(v, &x, edge)? => {
+                    Freedom::Field
+                }
                 _ => flat(mesh, x, fan),
             }
         }

@@ -53,6 +53,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::molecules_of_noise_in_materials_have_closed_surfaces"),
     Fault::wrong(
+        "vertices do not step aside from boundaries of materials",
+        "crates/dual-contour/src/contour/stuffing/snap.rs",
+        "Decision::Stays(self.aside(probe, v))",
+        "Decision::Stays(self.aside(probe, v).filter(|_| false))",
+    )
+    .seen_by("laws::planes_of_materials_are_plane"),
+    Fault::wrong(
+        "a point deep in a shape belongs to it though another comes first",
+        "crates/dual-contour/src/octree/domain.rs",
+        "held = held.max(depth.min(left));",
+        "held = held.max(depth);",
+    )
+    .seen_by("inside::a_point_is_deep_in_its_region_alone"),
+    Fault::wrong(
         "Newton steps without regularization",
         "crates/dual-contour/src/kernel/mod.rs",
         "pub(crate) const REGULAR: f64 = 0.01;",

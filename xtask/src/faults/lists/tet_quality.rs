@@ -131,6 +131,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("thesis::neighbours_make_way_for_walls_that_part"),
     Fault::wrong(
+        "two regions on one side of the isosurface may meet on it",
+        "crates/tet-quality/src/boundary/input.rs",
+        "a.is_none() || b.is_none() || a != b",
+        "a.is_none() || b.is_none() || a.is_some()",
+    )
+    .seen_by("laws::a_plane_beside_the_isosurface_stays_plane"),
+    Fault::wrong(
         "vertices that other parts share may be moved",
         "crates/tet-quality/src/boundary/input.rs",
         "        *freedom = Freedom::Held;\n",

@@ -3,14 +3,19 @@
 //! With two labels there are few cases: one corner against three (a tetrahedron and a prism), two against two (two prisms),
 //! and less where corners lie on the interface. Prisms are cut into three tetrahedra, their quads along the diagonal at the
 //! vertex of the lowest number; the neighbour sees the same numbers and cuts the same way, without being asked. Three or four labels
-//! meet in a point inside of the tetrahedron, and on each face with three labels in one of that face.
+//! meet in a point inside of the tetrahedron, and on each face with three labels in one of that face: where the boundary of
+//! two materials meets the isosurface, if one of the labels is the molecule.
 
 use geom_core::compute::parallel;
-use geom_core::mesh::{EDGES, FACES, Region};
+use geom_core::mesh::{FACES, INTERIOR, Region};
 use geom_core::{Point3, Vector3};
 
 use super::near::{NONE, Near};
+use crate::dual::{Probe, Sample};
 use crate::octree::along;
+
+/// How near to a side of its face a point where three labels meet may go, as a share of the height.
+const SIDE: f64 = 0.2;
 
 /// Tetrahedra of one label each, and what stands at the vertices that were added.
 pub(super) struct Cut {
@@ -23,10 +28,11 @@ impl Near {
     /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet.
     /// In the order of the tetrahedra. Edges, then faces, then cells add their points, each in sorted order, before any
     /// tetrahedron is cut: so that the cutting only reads.
-    pub(super) fn cut(&self, positions: &mut Vec<Point3>) -> Cut {
+    pub(super) fn cut(&self, probe: &Probe<'_>, positions: &mut Vec<Point3>) -> Cut {
         let mut added = Vec::new();
         let mut cutter = Cutter {
             near: self,
+            probe,
             at: self.add_cuts(positions, &mut added),
             several: parallel::flat_map(self.tets.len(), |t| {
                 Some(t as u32).filter(|&t| self.labels_of(t) > 2)
@@ -74,8 +80,27 @@ fn mean(points: impl IntoIterator<Item = Point3>) -> Point3 {
     Point3::from(sum / n)
 }
 
+/// From the middle of a triangle towards another of its points, as far as that stays off its sides.
+fn off_sides(corners: [Point3; 3], middle: Point3, x: Point3) -> Point3 {
+    let of = |x: &Point3| {
+        let [a, b, c] = corners;
+        let area = |a: &Point3, b: &Point3, c: &Point3| (b - a).cross(&(c - a)).norm();
+        let all = area(&a, &b, &c);
+        [area(x, &b, &c), area(&a, x, &c), area(&a, &b, x)].map(|part| part / all)
+    };
+    let share = of(&middle).into_iter().zip(of(&x)).map(|(from, to)| {
+        if to >= SIDE {
+            1.0
+        } else {
+            ((from - SIDE) / (from - to)).max(0.0)
+        }
+    });
+    along(middle, x, share.fold(1.0, f64::min))
+}
+
 struct Cutter<'a> {
     near: &'a Near,
+    probe: &'a Probe<'a>,
     /// Vertex of each cut edge.
     at: Vec<u32>,
     /// Tetrahedra with more than two labels, in order; from `first_cell` on each has a vertex inside.
@@ -179,26 +204,55 @@ impl Cutter<'_> {
         self.first_face = positions.len() as u32;
         for &[a, b, c] in &self.faces {
             let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| self.point(a, b));
-            positions.push(mean(ends.map(|v| positions[v as usize])));
+            let ends = ends.map(|v| positions[v as usize]);
+            let labels = [a, b, c].map(|v| near.label(v));
+            let middle = mean(ends);
+            let corners = [a, b, c].map(|v| near.samples[v as usize].x);
+            positions.push(match self.junction(labels, ends) {
+                Some(x) => off_sides(corners, middle, x),
+                None => middle,
+            });
             added.push([a, b, c, c].map(|v| near.label(v)));
         }
     }
 
-    /// Adds points inside of tetrahedra with more than two labels.
+    /// Where the boundary of two regions meets the isosurface in a face: the isosurface is the line between its two cuts,
+    /// on which the boundary is found by bisection. Cuts in the order ab, bc, ca. `None` without the molecule, or where
+    /// the ends of the line do not belong to the two regions.
+    fn junction(&self, labels: [Region; 3], cuts: [Point3; 3]) -> Option<Point3> {
+        let molecule = labels.iter().position(|&l| l == INTERIOR)?;
+        let (next, last) = ((molecule + 1) % 3, (molecule + 2) % 3);
+        let samples = self.probe.samples;
+        let end = |x: Point3, label: Region| {
+            let value = f64::NEG_INFINITY;
+            let there = samples.labels.at(value, &samples.domain.world(&x));
+            (there == label).then_some(Sample { x, label, value })
+        };
+        let a = end(cuts[molecule], labels[next])?;
+        let b = end(cuts[last], labels[last])?;
+        Some(along(a.x, b.x, self.probe.crossing(&a, &b)))
+    }
+
+    /// Adds points inside of tetrahedra with more than two labels: in the middle of those of its faces, of which at least
+    /// two have three labels. Two that lie on a plane have it there too.
     fn add_cells(&mut self, positions: &mut Vec<Point3>, added: &mut Vec<[Region; 4]>) {
         let near = self.near;
         self.first_cell = positions.len() as u32;
         for &t in &self.several {
             let tet = near.tets[t as usize];
-            let cuts: Vec<Point3> = EDGES
-                .iter()
-                .map(|e| e.map(|k| tet[k]))
-                .filter(|&[a, b]| near.label(a) != near.label(b))
-                .map(|[a, b]| positions[self.point(a, b) as usize])
-                .collect();
-            positions.push(mean(cuts));
+            let junctions = FACES.map(|f| f.map(|k| tet[k]));
+            let junctions = junctions.iter().filter_map(|face| self.junction_at(face));
+            positions.push(mean(junctions.map(|v| positions[v as usize])));
             added.push(tet.map(|v| near.label(v)));
         }
+    }
+
+    /// The vertex of a face, if it has three labels.
+    fn junction_at(&self, face: &[u32; 3]) -> Option<u32> {
+        let mut key = *face;
+        key.sort_unstable();
+        let found = self.faces.binary_search(&key).ok()?;
+        Some(self.first_face + found as u32)
     }
 
     /// The vertex where the edge between two corners is cut.
@@ -260,10 +314,8 @@ impl Cutter<'_> {
             if la == lb && lb == lc {
                 emit(face.map(id), la);
             } else if la != lb && lb != lc && la != lc {
-                let mut key = face;
-                key.sort_unstable();
-                let middle = self.faces.binary_search(&key);
-                let middle = self.first_face + middle.expect("its point has been added") as u32;
+                let middle = self.junction_at(&face);
+                let middle = middle.expect("its point has been added");
                 for k in 0..3 {
                     let [a, b, c] = [0, 1, 2].map(|i| face[(k + i) % 3]);
                     let (next, last) = (self.point(a, b), self.point(c, a));

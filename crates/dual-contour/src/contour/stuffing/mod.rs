@@ -5,7 +5,7 @@
 //! it, which keeps angles away from 0° and 180°, but only where the interface stays a manifold.
 //!
 //! In this order: `base` makes the tetrahedra and labels, `near` gathers those that an interface may change, `snap`
-//! moves vertices, `cut` cuts. What lies farther off is passed on as it is, which is most of a mesh.
+//! moves vertices (with `aside`, beside materials), `cut` cuts. What lies farther off is passed on as it is, which is most of a mesh.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -21,6 +21,7 @@ use crate::complex::Complex;
 use crate::complex::collect::{distinct, kinds, seen};
 use crate::dual::Probe;
 
+mod aside;
 mod base;
 pub(crate) mod cut;
 mod near;
@@ -64,12 +65,12 @@ pub(super) fn mesh(
     drop(all);
     let mut positions = base.positions();
     let mut near = Near::new(&base, &near, &hot)?;
-    let counts = near.snap();
+    let counts = near.snap(probe);
     for (sample, &id) in near.samples.iter().zip(&near.ids) {
         positions[id as usize] = sample.x;
     }
     let first = positions.len();
-    let cut = near.cut(&mut positions);
+    let cut = near.cut(probe, &mut positions);
     let (meeting, on_surface) = labels_meeting(&near, &cut, first, &keep);
     let mut collector = Collector {
         out: Raw {

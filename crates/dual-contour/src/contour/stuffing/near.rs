@@ -10,11 +10,15 @@ use geom_core::mesh::{EDGES, Region};
 use super::base::{Base, BaseTet, planes_of};
 use crate::Error;
 use crate::complex::Vertex;
-use crate::dual::Sample;
+use crate::dual::{Probe, Sample};
 
 /// No number yet.
 pub(super) const NONE: u32 = u32::MAX;
 
+/// Share of an edge within which a cut is too close: between points of one kind, and between a corner
+/// and a cell (Labelle & Shewchuk, uniform and one-sided).
+const LONG: f64 = 0.249_99;
+const SHORT: f64 = 0.411_89;
 /// The two labels that an interface parts.
 pub(super) type Pair = (Region, Region);
 
@@ -40,6 +44,8 @@ pub(super) struct Near {
     pub(super) edges_at: Lists<u32>,
     /// The interface a vertex has been snapped to.
     pub(super) zero: Vec<Option<Pair>>,
+    /// Vertices that have stepped aside from the boundary of a material.
+    pub(super) moved: Vec<bool>,
     /// Where the lattice of the values begins.
     pub(super) anchor: [i32; 3],
 }
@@ -75,19 +81,21 @@ impl Near {
         let is_hot = |&(v, _): &(u32, u32)| hot[ids[v as usize] as usize];
         let corners = || (0u32..).zip(&tets).flat_map(|(i, t)| t.map(|v| (v, i)));
         let around = Lists::of(ids.len(), || corners().filter(is_hot));
-        // Each edge that will be cut is shared by several tetrahedra and has one cut, kept off its ends so that
-        // no tetrahedron degenerates.
+        // Each edge that will be cut is shared by several tetrahedra and has one cut.
         let edges = edges_between_labels(&tets, &samples);
         let ends: Vec<(&Sample, &Sample)> = edges
             .iter()
             .map(|e| (&samples[e[0] as usize], &samples[e[1] as usize]))
             .collect();
         let mut cuts = base.probe.exact_crossings(&ends)?;
-        cuts.iter_mut().for_each(|t| *t = t.clamp(0.02, 0.98));
+        for (cut, (a, b)) in cuts.iter_mut().zip(&ends) {
+            *cut = off_ends(*cut, a.label, b.label);
+        }
         let tips = || (0u32..).zip(&edges).flat_map(|(i, e)| e.map(|v| (v, i)));
         let edges_at = Lists::of(ids.len(), tips);
         Ok(Self {
             zero: vec![None; ids.len()],
+            moved: vec![false; ids.len()],
             anchor: base.complex.samples.domain.anchor,
             ids,
             samples,
@@ -105,6 +113,32 @@ impl Near {
     pub(super) fn other(&self, edge: u32, v: u32) -> u32 {
         let [a, b] = self.edges[edge as usize];
         if a == v { b } else { a }
+    }
+
+    /// Distance of a cut from one end, as a share of the edge.
+    pub(super) fn from(&self, edge: u32, v: u32) -> f64 {
+        let t = self.cuts[edge as usize];
+        if self.edges[edge as usize][0] == v {
+            t
+        } else {
+            1.0 - t
+        }
+    }
+
+    /// The smallest share of its edge at which a cut may stay.
+    pub(super) fn limit(&self, edge: u32) -> f64 {
+        let [a, b] = self.edges[edge as usize].map(|v| self.is_corner[v as usize]);
+        if a == b { LONG } else { SHORT }
+    }
+
+    /// The edges of a vertex whose cuts are too close to it.
+    pub(super) fn violated(&self, v: u32) -> impl Iterator<Item = (u32, f64)> {
+        self.edges_at.list(v as usize).iter().filter_map(move |&e| {
+            let gone =
+                self.zero[v as usize].is_some() || self.zero[self.other(e, v) as usize].is_some();
+            let ratio = self.from(e, v) / self.limit(e);
+            (!gone && ratio < 1.0).then_some((e, ratio))
+        })
     }
 
     pub(super) fn label(&self, v: u32) -> Region {
@@ -134,6 +168,16 @@ impl Near {
             }
         }
         n
+    }
+}
+
+/// A cut of the isosurface, kept off the ends of its edge so that no tetrahedron degenerates. One of a material's boundary
+/// stays where it is, since planes shall come out plane: vertices make room for it.
+pub(super) fn off_ends(cut: f64, p: Region, q: Region) -> f64 {
+    if Probe::on_level(p, q) {
+        cut.clamp(0.02, 0.98)
+    } else {
+        cut
     }
 }
 

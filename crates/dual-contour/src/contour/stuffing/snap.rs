@@ -4,51 +4,33 @@
 //! onto the cut instead: it then lies on the surface, and no edge of it is cut any more. With cuts closer than a fixed
 //! share of the edge snapped, a finite number of shapes remains, and the angles of all of them are known before anything is
 //! meshed. But a vertex that becomes part of the surface may touch another part of it. So it may snap only if the surface
-//! around it is then one disk, which its link tells; otherwise it stays, and its cuts move away from it.
+//! around it is then one disk, which its link tells; otherwise it stays and its cuts move away from it, or where they
+//! are those of a material's boundary, it steps aside itself.
 
 use super::Counts;
+use super::aside::{Aside, ROOM};
 use super::near::{NONE, Near, Pair, pair};
+use crate::dual::Probe;
 use crate::octree::along;
+use geom_core::Point3;
 use geom_core::compute::parallel;
 
-/// Share of an edge within which a cut is too close: between points of one kind, and between a corner
-/// and a cell (Labelle & Shewchuk, uniform and one-sided).
-const LONG: f64 = 0.249_99;
-const SHORT: f64 = 0.411_89;
 /// Most neighbours of a vertex that may snap; no octree has more than 50.
 const LINK: usize = 64;
 
+/// What becomes of a vertex with cuts too close to it.
+enum Decision {
+    /// It takes the place of an edge's cut.
+    Snaps(u32),
+    /// It stays, or steps aside from the boundary of a material, and what is still too close moves away.
+    Stays(Option<Aside>),
+}
+
 impl Near {
-    /// Distance of a cut from one end, as a share of the edge.
-    fn from(&self, edge: u32, v: u32) -> f64 {
-        let t = self.cuts[edge as usize];
-        if self.edges[edge as usize][0] == v {
-            t
-        } else {
-            1.0 - t
-        }
-    }
-
-    /// The smallest share of its edge at which a cut may stay.
-    fn limit(&self, edge: u32) -> f64 {
-        let [a, b] = self.edges[edge as usize].map(|v| self.is_corner[v as usize]);
-        if a == b { LONG } else { SHORT }
-    }
-
-    /// The edges of a vertex whose cuts are too close to it.
-    fn violated(&self, v: u32) -> impl Iterator<Item = (u32, f64)> {
-        self.edges_at.list(v as usize).iter().filter_map(move |&e| {
-            let gone =
-                self.zero[v as usize].is_some() || self.zero[self.other(e, v) as usize].is_some();
-            let ratio = self.from(e, v) / self.limit(e);
-            (!gone && ratio < 1.0).then_some((e, ratio))
-        })
-    }
-
     /// Snaps vertices onto close cuts, or moves the cuts away, until no cut is too close. Rounds take
     /// vertices that have no undecided neighbour of higher priority; what is decided depends on
     /// neighbours alone, so the result is that of a fixed order.
-    pub(super) fn snap(&mut self) -> Counts {
+    pub(super) fn snap(&mut self, probe: &Probe<'_>) -> Counts {
         let priority = self.priorities();
         let mut waiting: Vec<u32> = parallel::flat_map(self.samples.len(), |v| {
             let v = v as u32;
@@ -64,7 +46,7 @@ impl Near {
             let comes_first = |v: u32, w: u32| {
                 w == v || !open[w as usize] || priority[w as usize] < priority[v as usize]
             };
-            let decided: Vec<(u32, Option<u32>)> = parallel::flat_map(waiting.len(), |i| {
+            let decided: Vec<(u32, Decision)> = parallel::flat_map(waiting.len(), |i| {
                 let v = waiting[i];
                 let mut tets = self
                     .around
@@ -72,16 +54,24 @@ impl Near {
                     .iter()
                     .map(|&t| self.tets[t as usize]);
                 let first = tets.all(|t| t.iter().all(|&w| comes_first(v, w)));
-                first.then(|| (v, self.safe_target(v)))
+                first.then(|| match self.safe_target(v) {
+                    Some(e) => (v, Decision::Snaps(e)),
+                    None => (v, Decision::Stays(self.aside(probe, v))),
+                })
             });
-            for &(v, target) in &decided {
+            for (v, decision) in decided {
                 open[v as usize] = false;
-                match target {
-                    Some(e) => {
+                match decision {
+                    Decision::Snaps(e) => {
                         self.snap_to(v, e);
                         counts.snapped += 1;
                     }
-                    None => counts.clamped += usize::from(self.push_cuts_away(v)),
+                    Decision::Stays(aside) => {
+                        if let Some(aside) = aside {
+                            self.step_aside(v, aside);
+                        }
+                        counts.clamped += usize::from(self.push_cuts_away(v));
+                    }
                 }
             }
             waiting.retain(|&v| open[v as usize]);
@@ -110,7 +100,10 @@ impl Near {
     /// The edge whose cut is closest to `v`, relative to what is too close, and may take it.
     fn safe_target(&self, v: u32) -> Option<u32> {
         self.violated(v)
-            .filter(|&(e, _)| self.is_safe(v, self.other(e, v)))
+            .filter(|&(e, _)| {
+                let fits = || !self.is_by_moved(v) || self.keeps_volumes(v, &self.cut_point(e, v));
+                self.is_safe(v, self.other(e, v)) && fits()
+            })
             .min_by(|x, y| x.1.total_cmp(&y.1))
             .map(|(e, _)| e)
     }
@@ -119,14 +112,22 @@ impl Near {
     /// [`Near::violated`] no longer counts them.
     fn snap_to(&mut self, v: u32, edge: u32) {
         let w = self.other(edge, v);
-        let (from, to) = (self.samples[v as usize].x, self.samples[w as usize].x);
-        self.samples[v as usize].x = along(from, to, self.from(edge, v));
+        self.samples[v as usize].x = self.cut_point(edge, v);
         self.zero[v as usize] = Some(pair(self.label(v), self.label(w)));
     }
 
+    /// The cut of an edge, as seen from its end `v`.
+    fn cut_point(&self, edge: u32, v: u32) -> Point3 {
+        let [from, to] = [v, self.other(edge, v)].map(|v| self.samples[v as usize].x);
+        along(from, to, self.from(edge, v))
+    }
+
     /// Moves the cuts that are too close to `v` to where they may stay. Returns whether there were any.
+    /// Those of materials stay where `v` has stepped aside far enough.
     fn push_cuts_away(&mut self, v: u32) -> bool {
-        let close: Vec<u32> = self.violated(v).map(|(e, _)| e).collect();
+        let stays = |e: u32, ratio: f64| ratio >= ROOM && self.is_of_materials(e);
+        let close = self.violated(v).filter(|&(e, ratio)| !stays(e, ratio));
+        let close: Vec<u32> = close.map(|(e, _)| e).collect();
         for &e in &close {
             let t = self.limit(e);
             let low = self.edges[e as usize][0] == v;
