@@ -31,7 +31,7 @@ struct Args {
 const EXAMPLES: &str = "\
 Examples:
   03_tets 1ajj.pdb --out out
-  03_tets 1ajj.pdb --region both --outer sphere:2 --method lattice --out both
+  03_tets 1ajj.pdb --region both --outer sphere:2 --out both
   03_tets 2nwl_opm.pdb --membrane --region both --out membrane
   03_tets potential.dx --isovalue 0.5 --region exterior --outer box:1.5 --out map
 

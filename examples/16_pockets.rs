@@ -73,7 +73,7 @@ Examples:
   16_pockets 1hvr.pdb --ligand name:XK2 --potential 1hvr.dx --out scored
   16_pockets structures/ --no-pictures --out all
 
-Outputs: pockets.csv (rank, score, centre, volume, area, depth, mouth, residues; with --ligand its distance from the
+Outputs: pockets.csv (rank, score, centre, volume, area, depth, mouth, mean curvature, residues; with --ligand its distance from the
 centre and its mean density, with --potential mean, lowest, highest and that of the surface), pockets.pdb (the points of the pockets:
 chain P, residue = rank, for PyMOL and ChimeraX), pockets.glb and pockets.png (the surface, each pocket in its
 colour), view.cxc and view.pml (ChimeraX and PyMOL open all of it around the structure), report.json with which atoms counted.";

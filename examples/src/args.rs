@@ -318,7 +318,7 @@ pub struct Finer {
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Meshing")]
 pub struct MeshArgs {
-    /// How to mesh [default: lattice; dual-contour where --tolerance, --zone, --finer or --placement asks for it]
+    /// How to mesh [default: stuffing; dual-contour where --tolerance, --zone, --finer or --placement asks for it]
     #[arg(long, value_enum)]
     pub method: Option<Method>,
     /// Size of the finest cells, Å [default: the spacing of the lattice]
@@ -372,6 +372,9 @@ impl MeshArgs {
         if method == Method::Stuffing && self.placement.is_some() {
             return Err("--placement is of --method dual-contour".into());
         }
+        if method == Method::Stuffing && uneven {
+            return Err("--tolerance, --zone and --finer are of --method dual-contour".into());
+        }
         if !uneven {
             session.refuse(&["error_norm"], "needs --tolerance, --zone or --finer")?;
         }
@@ -381,6 +384,20 @@ impl MeshArgs {
                 return Err("--finer names atoms, and a grid has none; use --zone".into());
             };
             zones.extend(zones_around(structure, finer)?);
+        }
+        let finest = match (self.cell, self.tets) {
+            (None, Some(_)) => None,
+            (cell, _) => {
+                Some(cell.unwrap_or(geom_core::LatticeValues::lattice(&source.values).spacing))
+            }
+        };
+        if let (Some(most), Some(finest)) = (self.max_cell, finest)
+            && most < finest * (1.0 - 1e-9)
+        {
+            return Err(format!(
+                "--max-cell {most} is below the finest cells, which are {finest} Å: --cell and --spacing make these smaller"
+            )
+            .into());
         }
         Ok(dual_contour::Options {
             level: source.level,
@@ -421,7 +438,9 @@ pub struct VolumeArgs {
     /// What to mesh
     #[arg(long, value_enum, default_value_t)]
     pub region: Region,
-    /// Where the exterior ends: grid, box:SCALE or sphere:SCALE
+    /// Where the exterior ends: grid (the lattice's box), box:SCALE (that box scaled about its middle) or sphere:SCALE (its
+    /// half diagonal scaled); grid and box are enlarged to whole blocks of the octree, of 8 finest cells or more, on their upper
+    /// sides too
     #[arg(long, value_name = "grid|box:S|sphere:S", default_value = "grid", value_parser = outer)]
     pub outer: Outer,
     /// A material between two planes, e.g. a membrane z:-15:15; may be repeated
@@ -462,6 +481,12 @@ impl VolumeArgs {
                 low: planes.lower,
                 high: planes.upper,
             });
+        }
+        if self.region == Region::Interior && !shapes.is_empty() {
+            return Err(
+                "--cylinder, --ball, --cuboid, --slab and --membrane lie outside of the molecule: take --region both or exterior"
+                    .into(),
+            );
         }
         Ok(dual_contour::Options {
             region: self.region.into(),
@@ -604,10 +629,24 @@ pub fn cylinder(text: &str) -> Result<Shape, String> {
     let [start, end, radius] = parts[..] else {
         return Err(bad());
     };
+    let (start, end) = (point(start).ok_or_else(bad)?, point(end).ok_or_else(bad)?);
+    if start == end {
+        return Err(format!("{text:?}: the cylinder has no length"));
+    }
     Ok(Shape::Cylinder {
-        start: point(start).ok_or_else(bad)?,
-        end: point(end).ok_or_else(bad)?,
-        radius: radius.parse().map_err(|_| bad())?,
+        start,
+        end,
+        radius: radius_of(text, radius).ok_or_else(bad)??,
+    })
+}
+
+/// A radius at the end of a shape; `None` if it is no number, an error if no shape has it.
+fn radius_of(text: &str, radius: &str) -> Option<Result<f64, String>> {
+    let radius: f64 = radius.parse().ok()?;
+    let fits = radius > 0.0 && radius.is_finite();
+    Some(match fits {
+        true => Ok(radius),
+        false => Err(format!("{text:?}: the radius is not above 0")),
     })
 }
 
@@ -617,7 +656,7 @@ pub fn ball(text: &str) -> Result<Shape, String> {
     let (center, radius) = text.split_once(':').ok_or_else(bad)?;
     Ok(Shape::Sphere {
         center: point(center).ok_or_else(bad)?,
-        radius: radius.parse().map_err(|_| bad())?,
+        radius: radius_of(text, radius).ok_or_else(bad)??,
     })
 }
 
@@ -627,7 +666,11 @@ pub fn cuboid(text: &str) -> Result<Shape, String> {
     let (low, high) = text.split_once(':').ok_or_else(bad)?;
     let corners = [low, high].map(|c| point(c).ok_or_else(bad));
     let [low, high] = corners;
-    Ok(Shape::Cuboid(Aabb::of_points(&[low?, high?])))
+    let (low, high) = (low?, high?);
+    if (0..3).any(|k| low[k] == high[k]) {
+        return Err(format!("{text:?}: the corners span no box"));
+    }
+    Ok(Shape::Cuboid(Aabb::of_points(&[low, high])))
 }
 
 /// `X,Y,Z:RADIUS:TOLERANCE`: a ball in which another tolerance holds.

@@ -223,8 +223,8 @@ pub enum Placement {
     /// they are.
     Mass,
     /// From there onto the surface, by Newton steps along the gradient.
-    /// On a field to a thousandth of a cell; on values alone finest cells take four steps. Where two materials meet on
-    /// the molecule, onto both boundaries; off it, and in cut cells, the mean stays.
+    /// On a field to a thousandth of a cell; on values alone finest cells take four steps. Boundaries of materials are
+    /// known everywhere; where two meet on the molecule, onto both. In cut cells the mean stays.
     #[default]
     Newton,
     /// The point nearest to all tangent planes at the crossings: for surfaces with creases.

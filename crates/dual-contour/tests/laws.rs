@@ -492,6 +492,46 @@ fn planes_of_materials_are_plane() {
     }
 }
 
+/// Balls and cylinders of water beside the molecule: vertices lie on them, off their edges, by either method. The mean of the
+/// crossings, which dual contouring took, lies within a ball.
+#[test]
+fn curved_boundaries_of_materials_are_met() {
+    let field = ball(Point3::new(-2.0, 0.0, 0.0), 2.0);
+    let grid = sample(&field, 6.0, 32);
+    let water = Shape::Sphere {
+        center: Point3::new(3.1, 0.2, 0.1),
+        radius: 1.9,
+    };
+    for method in METHODS {
+        let options = Options {
+            materials: vec![Material {
+                region: 2,
+                shape: water,
+            }],
+            ..both(by(method))
+        };
+        let made = volume(&grid, Some(&field), &options, Run::on(&Cpu)).unwrap();
+        let places = made.mesh.positions().iter().zip(regions_at(&made.mesh));
+        let on: Vec<&Point3> = places
+            .filter(|(_, regions)| regions.iter().eq(&[EXTERIOR, 2]))
+            .map(|(x, _)| x)
+            .collect();
+        assert!(on.len() > 200);
+        let off: Vec<f64> = on.iter().map(|x| water.depth(x).abs()).collect();
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        let most = off.iter().copied().fold(0.0, f64::max);
+        // Dual vertices keep off the sides of their cells.
+        let bounds = match method {
+            Method::Stuffing => [1e-7, 1e-6],
+            Method::DualContour => [3e-4, 0.02 * grid.lattice().spacing],
+        };
+        assert!(
+            mean < bounds[0] && most < bounds[1],
+            "{method:?}: {mean} and {most} Å off"
+        );
+    }
+}
+
 /// The regions of the tetrahedra around each vertex.
 fn regions_at(mesh: &TetMesh) -> Vec<BTreeSet<u8>> {
     let mut regions = vec![BTreeSet::new(); mesh.positions().len()];

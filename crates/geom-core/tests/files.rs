@@ -73,6 +73,39 @@ fn ply_keeps_everything_but_groups() {
     }
 }
 
+/// Without a field `region` and without groups, regions are what another program's field says; numbers that are no regions are
+/// counted from 2 on. They all became the molecule, and an improvement would have moved their interface.
+#[test]
+fn regions_of_other_programs_are_known() {
+    let ball = shapes::ball_in_box(2.0, 4.0, 3);
+    let read = |name: &str, of: [f64; 2]| {
+        let mut view = View::from(&ball);
+        view.cell_fields.clear();
+        view.groups.clear();
+        view.group_of = Vec::new().into();
+        let regions = ball.regions().iter();
+        let values: Vec<f64> = regions.map(|&r| of[usize::from(r)]).collect();
+        let view = view.cell_field(name, values).unwrap();
+        let mut file = Vec::new();
+        vtu::write(&mut file, &view).unwrap();
+        match MeshFile::try_from(vtu::parse(&file).unwrap()).unwrap().mesh {
+            AnyMesh::Tet(mesh) => mesh,
+            other => panic!("{other:?}"),
+        }
+    };
+    for (name, of, wanted) in [
+        ("gmsh:physical", [7.0, 12.0], [7, 12]),
+        ("CellEntityIds", [0.0, 1.0], [0, 1]),
+        ("medit:ref", [1000.0, -3.0], [3, 2]),
+        ("Material", [3.5, 1.0], [INTERIOR, INTERIOR]),
+        ("pressure", [7.0, 12.0], [INTERIOR, INTERIOR]),
+    ] {
+        let mesh = read(name, of);
+        let regions = ball.regions().iter().map(|&r| wanted[usize::from(r)]);
+        assert!(mesh.regions().iter().copied().eq(regions), "{name}");
+    }
+}
+
 #[test]
 fn msh_keeps_groups_and_numbers() {
     let ball = shapes::ball_in_box(2.0, 4.0, 3);

@@ -14,6 +14,7 @@ geom_core::laws! {
     what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner
     a_sphere_shrinks_at_the_speed_of_its_curvatures
     the_energy_of_a_step_that_does_not_sharpen_falls
+    a_closed_cavity_has_its_volume_and_no_mouth
     a_tunnel_has_two_mouths
     what_is_deep_is_asked_of_each_chain
     borders_go_to_creases

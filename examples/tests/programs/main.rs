@@ -1990,7 +1990,7 @@ fn what_is_odd_is_said() {
     };
     let far = ["--ball", "-900,-3.5,0:2"];
     let (ended, text) = said("03_tets", &far);
-    assert!(!ended && text.contains("option materials is set"), "{text}");
+    assert!(!ended && text.contains("take --region both"), "{text}");
     assert!(!out.exists());
     let both = [&far[..], &["--region", "both"]].concat();
     let (ended, text) = said("03_tets", &both);

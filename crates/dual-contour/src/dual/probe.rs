@@ -287,8 +287,10 @@ impl<'a> Probe<'a> {
         let n = crossings.len() as f64;
         let all = crossings.iter().map(|c| c.0.coords);
         let mass = Point3::from(all.sum::<Vector3>() / n);
-        if self.placement == Placement::Mass || crossings.iter().all(|c| !c.1) {
+        if self.placement == Placement::Mass {
             Start::There(cell.clamp(mass))
+        } else if crossings.iter().all(|c| !c.1) {
+            Start::There(self.wall(cell, mass))
         } else if crossings.iter().any(|c| !c.1) {
             let junction = self.junction(cell, mass, crossings);
             Start::There(junction.unwrap_or_else(|| cell.clamp(mass)))
@@ -297,6 +299,21 @@ impl<'a> Probe<'a> {
         } else {
             Start::From(cell.clamp(mass))
         }
+    }
+
+    /// The nearest boundary of a material to a point of a cell, within it.
+    /// Two steps along its normal: the first is exact for planes, balls and cylinders, off their edges.
+    fn wall(&self, cell: &Room, from: Point3) -> Point3 {
+        let (domain, labels) = (&self.samples.domain, &self.samples.labels);
+        let world = |x: &Point3| domain.world_from(&local(cell.low), &x.coords);
+        let label = labels.at(f64::NEG_INFINITY, &world(&from));
+        let depth = |x: &Point3| labels.depth(label, &world(x)) / domain.spacing;
+        let mut x = cell.clamp(from);
+        for _ in 0..2 {
+            let normal = depth_gradient(depth, &x).try_normalize(0.5);
+            x = normal.map_or(x, |n| cell.clamp(x - n * depth(&x)));
+        }
+        x
     }
 
     /// Where the boundary of two materials meets the surface in a cell: by Newton steps of least length onto both. `None`

@@ -22,11 +22,11 @@ pub struct Outline {
     pub area: f64,
     /// Area-weighted mean curvature, Å⁻¹: negative where concave.
     pub mean_curvature: f64,
-    /// Area of the mouths: of the fans over the border's loops, Å². A tunnel has two.
+    /// Area of the mouths: of the fans over the border's loops, Å². A tunnel has two, a closed cavity none.
     pub mouth: f64,
-    /// The largest distance of the patch below the nearest of its mouths, Å.
+    /// The largest distance of the patch below the nearest of its mouths, Å; 0 in a closed cavity.
     pub depth: f64,
-    /// Volume between the patch and its mouths, Å³.
+    /// Volume between the patch and its mouths, Å³; of a closed cavity what its wall encloses.
     pub volume: f64,
     /// The points between two probes that belong to the pocket ([`OutlineSource::Probes`](crate::options::OutlineSource)), Å.
     pub hollow: Vec<Point3>,
@@ -51,7 +51,7 @@ pub(super) fn measured(
         rank,
         area,
         mean_curvature: if area > 0.0 { curved / area } else { 0.0 },
-        mouth: lids.iter().map(|lid| lid.normal.norm()).sum(),
+        mouth: lids.iter().fold(0.0, |sum, lid| sum + lid.normal.norm()),
         depth: depth(surface, &triangles, &lids),
         volume: volume(surface, &triangles, &lids),
         triangles,
@@ -142,13 +142,14 @@ fn depth(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
 }
 
 /// Enclosed by the lids, turned outwards, and the patch, turned inwards: what lies between them. Negative volumes,
-/// of patches that bulge out, count as none; so does that of a patch without a border.
+/// of patches that bulge out, count as none. A patch without a border is the wall of a closed cavity.
 fn volume(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
-    let Some(first) = lids.first() else {
-        return 0.0;
-    };
     // From a point nearby, where the tetrahedra are small.
-    let o = first.middle;
+    let of_patch = |&f: &u32| surface.corners(f as usize)[0];
+    let o = match lids.first() {
+        Some(lid) => lid.middle,
+        None => triangles.first().map_or_else(Point3::origin, of_patch),
+    };
     let six = |[a, b, c]: [Point3; 3]| (a - o).cross(&(b - o)).dot(&(c - o));
     let at = |v: u32| surface.positions()[v as usize];
     let fans = lids
@@ -199,5 +200,28 @@ pub(crate) mod laws {
         assert!((depth(&wall, &triangles, &lids) - 5.0).abs() < 1e-9);
         let enclosed = volume(&wall, &triangles, &lids);
         assert!((enclosed / (10.0 * disc) - 1.0).abs() < 1e-3, "{enclosed}");
+    }
+
+    /// The wall of a round cavity, far from the origin: all of its volume, and no mouth. Seen from outside it is a body, no
+    /// cavity.
+    pub fn a_closed_cavity_has_its_volume_and_no_mouth() {
+        let ball = geom_core::mesh::shapes::icosphere(3.0, 4);
+        let place = Vector3::new(40.0, -70.0, 90.0);
+        let positions: Vec<Point3> = ball.positions().iter().map(|p| p + place).collect();
+        let inwards = ball.triangles().iter().map(|&[a, b, c]| [a, c, b]);
+        let wall = TriMesh::new(positions.clone(), inwards.collect()).unwrap();
+        let triangles: Vec<u32> = (0..wall.triangles().len() as u32).collect();
+        let mean = vec![-1.0 / 3.0; positions.len()];
+        let found = measured(1, &wall, &mean, triangles.clone());
+        let exact = 36.0 * PI;
+        assert!(
+            (found.volume / exact - 1.0).abs() < 0.01,
+            "{}",
+            found.volume
+        );
+        assert!((found.area / exact - 1.0).abs() < 0.01, "{}", found.area);
+        assert_eq!((found.mouth.to_bits(), found.depth), (0, 0.0));
+        let body = TriMesh::new(positions, ball.triangles().to_vec()).unwrap();
+        assert_eq!(measured(1, &body, &mean, triangles).volume, 0.0);
     }
 }

@@ -183,7 +183,7 @@ fn listed(pockets: &[Pocket]) -> Vec<serde_json::Value> {
     pockets.iter().map(one).collect()
 }
 
-/// The surface of the polymers alone, the part of the largest area.
+/// The surface of the polymers alone, the walls of closed cavities with it: sites may be buried.
 fn surface(
     session: &Session,
     structure: &Structure,
@@ -216,9 +216,8 @@ fn surface(
         dual_contour::surface(&sampled.grid, Some(&field), &contour, on)
     })?;
     products::note_surface(session, &made.mesh)?;
-    let parts = made.mesh.components();
-    parts
-        .into_iter()
-        .next()
-        .ok_or_else(|| "the surface has no triangles".into())
+    if made.mesh.triangles().is_empty() {
+        return Err("the surface has no triangles".into());
+    }
+    Ok(made.mesh)
 }

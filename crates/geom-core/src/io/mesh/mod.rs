@@ -259,10 +259,25 @@ impl MeshFile {
     }
 }
 
+/// What other programs call the field of a tetrahedron's region, in small letters: Gmsh and Medit by meshio, VMTK, OpenGeoSys,
+/// MFEM, and whoever has a word of their own. The first that a file has counts.
+const REGION_FIELDS: [&str; 10] = [
+    "region",
+    "gmsh:physical",
+    "medit:ref",
+    "cellentityids",
+    "materialids",
+    "materialid",
+    "material",
+    "attribute",
+    "subdomain",
+    "domain",
+];
+
 /// The region of each tetrahedron.
 ///
-/// By the field `region` if there is one; else by groups, of which ours are known by name and others numbered from 2
-/// on, as they come; else all are [`INTERIOR`].
+/// By the field `region` if there is one; else by that of another program; else by groups, of which ours are known by name and
+/// others numbered from 2 on, as they come; else all are [`INTERIOR`].
 fn regions(
     tets: usize,
     fields: &[Field<'_>],
@@ -287,7 +302,15 @@ fn regions(
             .collect();
     }
     if group_of.is_empty() {
-        return Ok(vec![INTERIOR; tets]);
+        let foreign = REGION_FIELDS.iter().find_map(|name| {
+            fields
+                .iter()
+                .find(|f| f.name.to_lowercase() == *name && f.values.components == 1)
+        });
+        return match foreign {
+            Some(field) => foreign_regions(tets, field),
+            None => Ok(vec![INTERIOR; tets]),
+        };
     }
     // Names of ours say which; others get the numbers that none of those has.
     let ours = |g: &Group| match (g.dimension, g.name.as_str()) {
@@ -311,6 +334,30 @@ fn regions(
         })?;
     let of = |&g: &u32| named.get(g as usize).copied().unwrap_or(INTERIOR);
     Ok(group_of.iter().map(of).collect())
+}
+
+/// By whole numbers under another program's name: as they are, if all are regions; else numbered from 2 on in ascending
+/// order. Other numbers are of something else, and all are [`INTERIOR`].
+fn foreign_regions(tets: usize, field: &Field<'_>) -> Result<Vec<Region>, Error> {
+    let values: Vec<f64> = (0..tets).map(|t| field.values.get(t, 0)).collect();
+    if values.iter().any(|v| v.fract() != 0.0) {
+        return Ok(vec![INTERIOR; tets]);
+    }
+    let mut distinct = values.clone();
+    distinct.sort_unstable_by(f64::total_cmp);
+    distinct.dedup();
+    let is_region = |&v: &f64| (0.0..f64::from(OUTSIDE)).contains(&v);
+    if distinct.iter().all(is_region) {
+        return Ok(values.into_iter().map(|v| v as Region).collect());
+    }
+    let free: Vec<Region> = (INTERIOR + 1..OUTSIDE).collect();
+    if distinct.len() > free.len() {
+        let (found, name) = (distinct.len(), &field.name);
+        let what = format!("{found} values of `{name}`; at most 253 regions can be told apart");
+        return Err(ErrorKind::TooLarge(what).into());
+    }
+    let number = |v: f64| free[distinct.partition_point(|d| d.total_cmp(&v).is_lt())];
+    Ok(values.into_iter().map(number).collect())
 }
 
 impl AnyMesh {

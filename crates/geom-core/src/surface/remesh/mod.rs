@@ -9,7 +9,8 @@
 //!
 //! Where the surface is too narrow or too curved for the wanted edges, they become shorter, with gradation, until two
 //! goals are met: all angles at least 30° ([`Options::min_angle_deg`]), and a distance between result and surface,
-//! both ways, of at most 0.3 edge lengths ([`Options::max_deviation`]). [`Report`] has the distances as measured, the
+//! both ways, of at most 0.3 edge lengths ([`Options::max_deviation`]). So they do where triangles cross each other and none
+//! of the input did. [`Report`] has the distances as measured, the
 //! lengths of the edges in units of those asked for, and each triangle below the goal with its cause. Borders and
 //! creases ([`Features::Angle`]) are resampled; their corners are those that turn by 45° within a wanted edge, so that
 //! a ragged border makes no needles. All of it runs on the CPU, whatever the backend.
@@ -127,7 +128,7 @@ pub fn remesh(
         // What has been cut off does not grow again, but now it is known where edges must be short.
         let lost = || {
             let farthest = refine::farthest_from(&work.surface(), &reference, &points);
-            farthest > reference.allowed
+            farthest > reference.allowed || refine::crosses(&work, &reference)
         };
         if attempt == RESTARTS || refinements == 0 || !lost() {
             break;

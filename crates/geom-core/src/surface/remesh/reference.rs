@@ -8,6 +8,7 @@ use crate::field::{End, Guard, Tangent, project};
 use crate::mesh::quality::edge_lengths;
 use crate::nalgebra::center;
 use crate::search::bvh::{Closest, TriangleTree};
+use crate::search::crossing::crossing_pairs;
 use crate::{ImplicitField, Point3, TriMesh, Vector3};
 
 use super::kept::{Course, corner_normals, kinds, mark_features, on_crease};
@@ -127,6 +128,11 @@ impl<'a> Reference<'a> {
             };
         }
         Ok(reference)
+    }
+
+    /// Do triangles of the input cross each other?
+    pub(super) fn crosses_itself(&self) -> bool {
+        !crossing_pairs(&self.input).is_empty()
     }
 
     /// The point of the surface near `p`, for a vertex inside of it: of the level set if that is near

@@ -6,6 +6,7 @@
 use crate::compute::parallel;
 use crate::nalgebra::center;
 use crate::search::bvh::TriangleTree;
+use crate::search::crossing::crossing_pairs;
 use crate::{Point3, TriMesh};
 
 use super::mesh::{FACING, Kind, Mesh, NONE, Vertex, facing, previous};
@@ -28,6 +29,7 @@ pub(super) fn shorten(
     parallel::for_each(&mut places, |_, (p, length)| {
         *length = length.max(reference.shortest_near(p));
     });
+    places.extend(knotted(mesh, reference));
     let mut spots = std::mem::take(&mut reference.spots);
     let added = spots.add(places, |p| reference.wanted_near(p));
     reference.spots = spots;
@@ -111,6 +113,34 @@ fn narrow(mesh: &Mesh, least_angle: f64) -> Vec<(Point3, f64)> {
         }
     }
     places
+}
+
+/// The pairs of triangles that cross each other, as they may where parts of a surface are nearer to each other than edges
+/// are long; none if some of the input do.
+fn crossing(mesh: &Mesh, reference: &Reference<'_>) -> Vec<[u32; 2]> {
+    let pairs = crossing_pairs(&mesh.surface());
+    if pairs.is_empty() || reference.crosses_itself() {
+        return Vec::new();
+    }
+    pairs
+}
+
+/// Do triangles cross each other, and none of the input?
+pub(super) fn crosses(mesh: &Mesh, reference: &Reference<'_>) -> bool {
+    !crossing(mesh, reference).is_empty()
+}
+
+/// The corners of triangles that cross each other: what is asked for are edges a third shorter, down to a third of what was
+/// asked for also where those of the input are longer: sheets may be near to each other whose triangles are large.
+fn knotted(mesh: &Mesh, reference: &Reference<'_>) -> Vec<(Point3, f64)> {
+    let living: Vec<&[u32; 3]> = mesh.triangles.iter().filter(|t| t[0] != NONE).collect();
+    let pairs = crossing(mesh, reference);
+    let corners = pairs.into_iter().flatten().flat_map(|t| living[t as usize]);
+    let vertices = corners.map(|&v| &mesh.vertices[v as usize]);
+    let least = |v: &Vertex| (v.wanted / 3.0).min(reference.shortest_near(&v.position));
+    vertices
+        .map(|v| (v.position, (0.7 * v.size).max(least(v))))
+        .collect()
 }
 
 /// Places of the mesh that are too far from the surface, and of the surface from the mesh. Both ways: from middles of
