@@ -1073,6 +1073,11 @@ fn the_pocket_of_a_protease_is_where_its_inhibitor_lies() {
             .contains("PKT P   1")
     );
     assert_png(out.join("pockets.png"));
+    // Walls of closed cavities too: some sites are buried.
+    let drawn = io::mesh::read(out.join("pockets.glb")).unwrap().mesh;
+    let drawn = drawn.into_triangles().triangles().len();
+    assert_eq!(json!(drawn), report["counts"]["surface_triangles"]);
+    assert!(report["surface"]["parts"].as_u64() > Some(1), "cavities");
 }
 
 /// A known ligand is found by its distance and density, and a map by its values; the thesis's method goes through the
