@@ -135,10 +135,11 @@ pub(super) fn write_surface(
         let mut layer = Layer::surface(surface, Paint::Faces(colors));
         layer.edges = false;
         let mut scene = Scene::new(vec![layer], view_into(surface, outlines));
-        scene.caption = Some(format!(
-            "{} pockets; the first {SHOWN} are coloured",
-            outlines.len()
-        ));
+        scene.caption = Some(match outlines.len() {
+            1 => "1 pocket".to_owned(),
+            n if n <= SHOWN => format!("{n} pockets, all coloured; buried ones do not show"),
+            n => format!("{n} pockets; the first {SHOWN} are coloured, buried ones do not show"),
+        });
         scene.draw(session.rasterizer()?, products::SIZE)
     })
 }
