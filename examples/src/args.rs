@@ -355,6 +355,25 @@ pub struct MeshArgs {
 }
 
 impl MeshArgs {
+    /// An error where the largest cells are to be smaller than the finest: none could be made.
+    fn refuse_small_cells(&self, source: &Source) -> Result<(), Failure> {
+        let finest = match (self.cell, self.tets) {
+            (None, Some(_)) => None,
+            (cell, _) => {
+                Some(cell.unwrap_or(geom_core::LatticeValues::lattice(&source.values).spacing))
+            }
+        };
+        if let (Some(most), Some(finest)) = (self.max_cell, finest)
+            && most < finest * (1.0 - 1e-9)
+        {
+            return Err(format!(
+                "--max-cell {most} is below the finest cells, which are {finest} Å: --cell and --spacing make these smaller"
+            )
+            .into());
+        }
+        Ok(())
+    }
+
     /// As the crate takes them, for the surface of `source`; an error where options contradict each
     /// other.
     pub fn options(
@@ -362,6 +381,7 @@ impl MeshArgs {
         source: &Source,
         session: &Session,
     ) -> Result<dual_contour::Options, Failure> {
+        // Only dual contouring grades cells along the surface, so what asks for that chooses it.
         let uneven = self.tolerance > 0.0 || !self.zone.is_empty() || !self.finer.is_empty();
         let dual = uneven || self.placement.is_some();
         let method = self.method.unwrap_or(if dual {
@@ -385,20 +405,7 @@ impl MeshArgs {
             };
             zones.extend(zones_around(structure, finer)?);
         }
-        let finest = match (self.cell, self.tets) {
-            (None, Some(_)) => None,
-            (cell, _) => {
-                Some(cell.unwrap_or(geom_core::LatticeValues::lattice(&source.values).spacing))
-            }
-        };
-        if let (Some(most), Some(finest)) = (self.max_cell, finest)
-            && most < finest * (1.0 - 1e-9)
-        {
-            return Err(format!(
-                "--max-cell {most} is below the finest cells, which are {finest} Å: --cell and --spacing make these smaller"
-            )
-            .into());
-        }
+        self.refuse_small_cells(source)?;
         Ok(dual_contour::Options {
             level: source.level,
             method: method.into(),

@@ -76,11 +76,7 @@ impl Near {
 
     /// The least distance of the cuts of some edges from `v`, relative to what is too close for snapping.
     fn room(&self, v: u32, edges: &[u32], cut: impl Fn(u32) -> f64) -> f64 {
-        let ratio = |&e: &u32| {
-            let from_low = cut(e);
-            let low = self.edges[e as usize][0] == v;
-            (if low { from_low } else { 1.0 - from_low }) / self.limit(e)
-        };
+        let ratio = |&e: &u32| self.turned(e, v, cut(e)) / self.limit(e);
         edges.iter().map(ratio).fold(f64::INFINITY, f64::min)
     }
 
@@ -132,12 +128,10 @@ impl Near {
         let of_materials = self.is_of_materials(e);
         let least = self.limit(e) * if of_materials { ROOM } else { 1.0 };
         let least = least.min(self.from(e, w));
-        let low = self.edges[e as usize][0] == w;
-        let from_w = if low { cut } else { 1.0 - cut };
-        if from_w >= least {
+        if self.turned(e, w, cut) >= least {
             return Some((e, cut));
         }
-        (!of_materials).then_some((e, if low { least } else { 1.0 - least }))
+        (!of_materials).then_some((e, self.turned(e, w, least)))
     }
 
     /// Do the tetrahedra around a vertex keep enough of their volume with it at `x`?

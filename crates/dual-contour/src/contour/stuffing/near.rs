@@ -117,11 +117,15 @@ impl Near {
 
     /// Distance of a cut from one end, as a share of the edge.
     pub(super) fn from(&self, edge: u32, v: u32) -> f64 {
-        let t = self.cuts[edge as usize];
+        self.turned(edge, v, self.cuts[edge as usize])
+    }
+
+    /// A share of an edge from its lower end as one from its end `v`, and back.
+    pub(super) fn turned(&self, edge: u32, v: u32, share: f64) -> f64 {
         if self.edges[edge as usize][0] == v {
-            t
+            share
         } else {
-            1.0 - t
+            1.0 - share
         }
     }
 

@@ -129,9 +129,7 @@ impl Near {
         let close = self.violated(v).filter(|&(e, ratio)| !stays(e, ratio));
         let close: Vec<u32> = close.map(|(e, _)| e).collect();
         for &e in &close {
-            let t = self.limit(e);
-            let low = self.edges[e as usize][0] == v;
-            self.cuts[e as usize] = if low { t } else { 1.0 - t };
+            self.cuts[e as usize] = self.turned(e, v, self.limit(e));
         }
         !close.is_empty()
     }

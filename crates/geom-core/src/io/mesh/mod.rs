@@ -276,8 +276,8 @@ const REGION_FIELDS: [&str; 10] = [
 
 /// The region of each tetrahedron.
 ///
-/// By the field `region` if there is one; else by that of another program; else by groups, of which ours are known by name and
-/// others numbered from 2 on, as they come; else all are [`INTERIOR`].
+/// By the field `region` if there is one; else by groups, of which ours are known by name and others numbered from 2 on, as
+/// they come; else by another program's field ([`REGION_FIELDS`]); else all are [`INTERIOR`].
 fn regions(
     tets: usize,
     fields: &[Field<'_>],
