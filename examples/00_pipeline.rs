@@ -356,7 +356,7 @@ mod analysis {
         if args.wants(Stage::Segments) {
             session.part("segments", || {
                 let asked = segments::Settings::default();
-                let done = segments::of_triangles(session, largest(surface)?, &asked)?;
+                let done = segments::of_triangles(session, largest(surface)?, &[], &asked)?;
                 segments::finish(session, &done, MODES)
             })?;
         }

@@ -118,7 +118,7 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
     if options.epsilon > 0.0 && ((all - left) as f64) < FEW_GO * free {
         let advice = || wider_bounds(&original, all - left, &options, on);
         let advice = session.stage("wider bounds", advice)?;
-        session.note("advice", json!({ "warnings": [advice] }))?;
+        session.warn(advice)?;
     }
     let mut error = eliminated.report.comparison.surface_max;
     let mut reduced = eliminated.model;

@@ -42,7 +42,8 @@ Examples:
 
 Meshes are PLY, OFF, OBJ, STL, GLB, VTU or MSH. Outputs: modes.png (contact sheet), mode_01.glb … (coloured),
 modes.vtu (all modes as point fields), spectrum.png, shape_dna.json (eigenvalues as they are, and made
-free of scale by the area), report.json with `eigenvalues`.";
+free of scale by the area), report.json with `eigenvalues`. Here mode 1 is the constant; --guide modes: and --field mode:
+of other programs count from the first that is not: their 1 is mode_02.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {

@@ -48,8 +48,9 @@ Examples:
   07_field spot.ply --out out
   07_field 1ajj.pdb --spacing 1 --guide modes:1,2 --mode hard --out guided
 
-Outputs: field.png and field.glb (crosses; blue balls where three quads will meet, red ones where five will; what guides the
-field in green), field.vtu (one arm of the cross per triangle, four times the index per vertex), report.json with `field`.";
+Crosses lie along the rims of open surfaces, as sides of quads do. Outputs: field.png and field.glb (crosses; blue balls
+where three quads will meet, red ones where five will; what guides the field in green), field.vtu (one arm of the cross per
+triangle, four times the index per vertex), report.json with `field`.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -78,9 +79,10 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
         ..FieldOptions::default()
     };
     let frames = Frames::of(&mesh, EdgeWeights::One)?;
-    let guides = session.stage("guidance", || {
+    let mut guides = session.stage("guidance", || {
         guidance::guides(&mesh, &frames, &args.guide.guidance(args.mode))
     })?;
+    guides.extend(guidance::rims(&frames));
     let field = session.stage("field", || {
         cross_field(
             &mesh,

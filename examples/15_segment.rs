@@ -192,7 +192,16 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
             session.note("surface", json!({ "element": "triangles" }))?;
             // Vertices of no face would count in its extent. Triangles keep their order.
             let (mesh, _) = mesh.into_triangles().without_unused();
-            segments::of_triangles(session, mesh, &asked)?
+            let (vertices, file) = (mesh.positions().len(), args.input.display());
+            if matches!(args.operator, OperatorName::Parts)
+                && vertices <= usize::from(MODES_OF_PARTS) + 1
+            {
+                return Err(format!(
+                    "{file}: --operator parts takes {MODES_OF_PARTS} modes, for which {vertices} vertices are too few: a finer mesh, or --operator slo with few --groups and --modes"
+                )
+                .into());
+            }
+            segments::of_triangles(session, mesh, &read.face_of, &asked)?
         }
     };
     segments::finish(session, &done, args.modes.into())

@@ -13,7 +13,6 @@ use secondfund_ops::flow::{FlowReport, filter_normals, filter_quad_normals};
 use secondfund_ops::options::FlowOperator;
 use secondfund_ops::{FilterOptions, FlowOptions, NormalFilter, smooth, smooth_quads};
 use serde::Serialize;
-use serde_json::json;
 
 /// A smoother surface: by the flow of an operator, or by filtered normals
 #[derive(Parser, Serialize)]
@@ -73,8 +72,8 @@ Examples:
   17_smooth part.off --steps 50 --keep-volume --out part
   17_smooth part.off --method total-variation --out filtered
 
-Outputs: smooth.ply, smooth.glb, smooth.png (before and after), report.json with displacements and volumes. Quads stay
-quads in smooth.obj; the flows take them as the control mesh of a Catmull–Clark surface, the filters as they stand.
+Outputs: smooth.vtu (with the fields and groups of the input), smooth.ply, smooth.glb, smooth.png (before and after),
+report.json with displacements and volumes. Quads stay quads in smooth.vtu and smooth.obj; the flows take them as the control mesh of a Catmull–Clark surface, the filters as they stand.
 Noise on flat parts: total-variation; on round bodies: mean-curvature. ggho moves the surface and keeps its edges; noise,
 too, but for little of it.";
 
@@ -178,35 +177,76 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let read = session.stage("reading", || {
         io::mesh::read_up_to(&args.input, session.memory())
     })?;
+    let said = match &read.mesh {
+        AnyMesh::Tri(_) | AnyMesh::Quad(_) => Fields {
+            point_fields: read.point_fields,
+            cell_fields: read.cell_fields,
+            colors: read.colors.map(Into::into),
+            groups: read.groups,
+            group_of: read.group_of.into(),
+            ..Fields::default()
+        },
+        // They are of tetrahedra, of which the boundary is smoothed.
+        _ => Fields::default(),
+    };
+    if !read.face_of.is_empty() {
+        let warning = "the faces with more than three corners have been cut into triangles";
+        session.warn(warning)?;
+    }
     match read.mesh {
         AnyMesh::Quad(mesh) => {
             session.refuse(
                 &["normal_rounds"],
                 "is for triangles, and the input has quads",
             )?;
-            quads(args, session, &mesh)
+            quads(args, session, &mesh, &said)
         }
-        mesh => triangles(args, session, &mesh.into_triangles()),
+        mesh => triangles(args, session, &mesh.into_triangles(), &said),
     }
 }
 
-fn triangles(args: &Args, session: &Session, mesh: &TriMesh) -> Result<(), Failure> {
+/// The mesh with what the input says of its vertices and faces, which smoothing neither makes nor takes away.
+fn carried<'a>(mesh: Fields<'a>, said: &Fields<'a>) -> Fields<'a> {
+    Fields {
+        points: mesh.points,
+        blocks: mesh.blocks,
+        ..said.clone()
+    }
+}
+
+fn triangles(
+    args: &Args,
+    session: &Session,
+    mesh: &TriMesh,
+    said: &Fields<'_>,
+) -> Result<(), Failure> {
     let on = session.on(session.device.operators());
     let done = session.stage("smoothing", || match args.filter() {
         Some(filter) => filter_normals(mesh, &filter, on),
         None => smooth(mesh, args.normal_rounds, &args.options(), on),
     })?;
+    let fields = carried(Fields::from(&done.mesh), said);
+    io::mesh::save(session.output("smooth.vtu")?, &fields)?;
+    io::mesh::save(session.output("smooth.ply")?, &fields)?;
     write(args, session, mesh, &done.mesh, &done.report)
 }
 
-fn quads(args: &Args, session: &Session, mesh: &QuadMesh) -> Result<(), Failure> {
+fn quads(
+    args: &Args,
+    session: &Session,
+    mesh: &QuadMesh,
+    said: &Fields<'_>,
+) -> Result<(), Failure> {
     let on = session.on(session.device.operators());
     let done = session.stage("smoothing", || match args.filter() {
         Some(filter) => filter_quad_normals(mesh, &filter, on),
         None => smooth_quads(mesh, &args.options(), on),
     })?;
-    io::mesh::save(session.output("smooth.obj")?, &Fields::from(&done.mesh))?;
+    let fields = carried(Fields::from(&done.mesh), said);
+    io::mesh::save(session.output("smooth.vtu")?, &fields)?;
+    io::mesh::save(session.output("smooth.obj")?, &fields)?;
     let [before, after] = [mesh, &done.mesh].map(|m| m.clone().into_triangles());
+    io::mesh::save(session.output("smooth.ply")?, &Fields::from(&after))?;
     write(args, session, &before, &after, &done.report)
 }
 
@@ -222,16 +262,14 @@ fn write(
     if args.keep_volume && (last - first).abs() > KEPT * first.abs() {
         let off = 100.0 * (last / first - 1.0);
         let warning = format!("the volume has changed by {off:.2} % although it was to be kept");
-        session.note("advice", json!({ "warnings": [warning] }))?;
+        session.warn(warning)?;
     }
     products::note_surface(session, after)?;
     session.files(3, || {
         for (name, mesh) in [("1: before", before), ("2: after", after)] {
             session.show(name, mesh, products::colorings(mesh, None));
         }
-        let fields = Fields::from(after);
-        io::mesh::save(session.output("smooth.ply")?, &fields)?;
-        io::mesh::save(session.output("smooth.glb")?, &fields)?;
+        io::mesh::save(session.output("smooth.glb")?, &Fields::from(after))?;
         session.picture("smooth", || {
             let view = View::principal(before.positions()).turned(0.25, 0.2);
             let mut pictures = Vec::new();

@@ -1,8 +1,9 @@
-//! Cross fields and quad meshes: their options on the command line, and how they are drawn.
+//! Cross fields and quad meshes: their options on the command line, how they are drawn, and what is warned of.
 
 use clap::ValueEnum;
 use crossfield::field::Frames;
 use crossfield::guidance::{Modes, Normalization};
+use crossfield::quads::{Report, Rung};
 use crossfield::{CrossField, Guidance};
 use geom_core::mesh::shapes;
 use geom_core::{Point3, TriMesh, Vector3};
@@ -222,4 +223,45 @@ pub fn sides(mesh: &geom_core::QuadMesh) -> Layer {
         })
     });
     strips(sides, width)
+}
+
+/// Says in the last lines what of the quads is not as asked for.
+pub fn warn(session: &Session, report: &Report) -> Result<(), Failure> {
+    if let Some(repaired) = report.repaired {
+        let counts = serde_json::to_value(repaired)?;
+        let counts = counts.as_object().into_iter().flatten();
+        let done = counts.filter(|(what, count)| {
+            count.as_u64() > Some(0) && !["open_loops", "unused_vertices"].contains(&what.as_str())
+        });
+        let done: Vec<String> = done
+            .map(|(what, count)| format!("{count} {}", what.replace('_', " ")))
+            .collect();
+        if !done.is_empty() {
+            session.warn(format!(
+                "the surface had to be repaired: {}",
+                done.join(", ")
+            ))?;
+        }
+    }
+    let parts = &report.parts;
+    let split: Vec<_> = parts.iter().filter(|p| p.rung == Rung::Split).collect();
+    if let Some(first) = split.first() {
+        let (some, all) = (split.len(), parts.len());
+        let because = first.failures.first().map_or("", String::as_str);
+        session.warn(format!(
+            "{some} of {all} parts of the surface got no map, so that their quads follow no field: {because}"
+        ))?;
+    }
+    let squares = parts.iter().filter(|p| p.squares).count();
+    if squares > 0 {
+        let all = parts.len();
+        session.warn(format!(
+            "the quads of {squares} of {all} parts are no narrower anywhere: all maps with narrow ones fold"
+        ))?;
+    }
+    if report.scaled_jacobian.min <= 0.0 {
+        session
+            .warn("there are quads that face away from the surface (quads.vtu, scaled_jacobian)")?;
+    }
+    Ok(())
 }

@@ -263,11 +263,8 @@ pub fn warn_of_missing(
             m.region
         )
     };
-    let warnings: Vec<String> = materials.iter().filter(is_missing).map(warning).collect();
-    if warnings.is_empty() {
-        return Ok(());
-    }
-    session.note("advice", json!({ "warnings": warnings }))
+    let mut missing = materials.iter().filter(is_missing);
+    missing.try_for_each(|material| session.warn(warning(material)))
 }
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut. `view` is the mesh with

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Parser};
+use clap::{Arg, ArgMatches, Command, Parser};
 use geom_core::compute::usage::Usage;
 use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, TriMesh, io};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -97,11 +97,8 @@ pub(crate) fn start<A: Parser + HasCommon>(
             code
         }
         Err(failure) => {
-            let _ = writeln!(
-                std::io::stderr(),
-                "error: {}",
-                one_line(&failure.to_string())
-            );
+            let words = with_flags(&failure.to_string(), &A::command());
+            let _ = writeln!(std::io::stderr(), "error: {}", one_line(&words));
             match signal.load(Ordering::Relaxed) {
                 0 => ExitCode::FAILURE,
                 number => ExitCode::from(128 + number as u8),
@@ -126,6 +123,26 @@ pub fn heed_signals(stop: &Arc<AtomicBool>, number: &Arc<AtomicUsize>) -> Result
         flag::register_usize(signal, number.clone(), signal as usize)?;
     }
     Ok(())
+}
+
+/// A message in the words of the program: the libraries name fields of their options, `option goals.joe_liu is 3`.
+pub(crate) fn with_flags(text: &str, command: &Command) -> String {
+    let named = |rest: &str| -> Option<(String, usize)> {
+        let (field, _) = rest.split_once(" is ")?;
+        let flag = field.rsplit('.').next()?.replace('_', "-");
+        let mut flags = command.get_arguments().filter_map(Arg::get_long);
+        flags
+            .any(|long| long == flag)
+            .then_some((flag, field.len()))
+    };
+    const BEFORE: &str = "option ";
+    match text.split_once(BEFORE) {
+        Some((before, rest)) => match named(rest) {
+            Some((flag, length)) => format!("{before}--{flag}{}", &rest[length..]),
+            None => text.to_owned(),
+        },
+        None => text.to_owned(),
+    }
 }
 
 /// A message without line breaks.
@@ -370,6 +387,23 @@ impl Session {
         Ok(())
     }
 
+    /// Warns of something: in the report's `advice`, and in the last lines on the terminal.
+    pub fn warn(&self, words: impl Into<String>) -> Result<(), Failure> {
+        let key = "advice";
+        let part = self.current();
+        let earlier = {
+            let notes = &self.report().notes;
+            let advice = match part {
+                None => notes.get(key),
+                Some(part) => notes.get(part).and_then(|notes| notes.get(key)),
+            };
+            advice.and_then(|advice| advice["warnings"].as_array().cloned())
+        };
+        let mut warnings = earlier.unwrap_or_default();
+        warnings.push(words.into().into());
+        self.note(key, json!({ "warnings": warnings }))
+    }
+
     /// Where to write an output of this name. It appears in the output folder when all are written.
     pub fn output(&self, name: impl Into<String>) -> Result<PathBuf, Failure> {
         let name = match self.current() {
@@ -572,6 +606,11 @@ struct Staging {
 impl Staging {
     fn open(out: &Path) -> Result<Self, Failure> {
         let named = |e: std::io::Error| io::Error::from(io::ErrorKind::System(e)).in_file(out);
+        let is_file = |folder: &&Path| folder.exists() && !folder.is_dir();
+        if let Some(file) = out.ancestors().find(is_file) {
+            let (out, file) = (out.display(), file.display());
+            return Err(format!("--out {out}: {file} is a file, not a folder").into());
+        }
         // Runs with one output folder that we all make, as the ranks of a job are, may take it away empty just
         // before ours is in it: then it is made again.
         let mut tries = 100;

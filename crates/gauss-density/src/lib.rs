@@ -50,4 +50,5 @@ pub use sample::compare::{Comparison, compare};
 pub use sample::dense::sample;
 pub use sample::low_pass::{LowPass, Shape, low_pass};
 pub use sample::point::{AtomGradient, PointSampler};
+pub use sample::root::RootDensity;
 pub use sample::window::sample_window;

@@ -5,7 +5,7 @@ use gauss_density::testing::globule;
 use gauss_density::thesis::{self, Cut};
 use gauss_density::{
     Cutoff, Elimination, Error, Interior, Levels, LowPass, Model, Options, PointSampler, Refit,
-    Shape, Stop, eliminate, low_pass, refit, sample, sample_band,
+    RootDensity, Shape, Stop, eliminate, low_pass, refit, sample, sample_band,
 };
 use geom_core::grid::Brick;
 use geom_core::testing::same_on_any_threads;
@@ -52,6 +52,58 @@ fn dense_values_are_within_the_cut_off() {
                 assert!(got >= exact * (1.0 - eps - 1e-4), "{got} below {exact}");
             }
         }
+    }
+}
+
+/// How far chords of the lattice's values cross 1 beside the density itself, outwards: in the mean and in size, in edges.
+#[test]
+fn the_root_crosses_nearly_where_the_density_does() {
+    fn off(model: &Model, values: &impl LatticeValues) -> [f64; 2] {
+        let (mut sum, mut size, mut count) = (0.0, 0.0, 0.0);
+        let lattice = *values.lattice();
+        let mut row = vec![0.0; lattice.counts[0]];
+        for line in 0..lattice.counts[1] * lattice.counts[2] {
+            let start = [0, line % lattice.counts[1], line / lattice.counts[1]];
+            values.read_row(start, &mut row);
+            let origin = lattice.point(start);
+            for (i, ends) in row.windows(2).enumerate() {
+                let [a, b] = [ends[0], ends[1]].map(f64::from);
+                assert_eq!(a, f64::from(values.at([i, start[1], start[2]])));
+                if (a - 1.0) * (b - 1.0) >= 0.0 {
+                    continue;
+                }
+                let at = |t: f64| {
+                    let along = (i as f64 + t) * lattice.spacing;
+                    nested_sum(model, &(origin + geom_core::Vector3::x() * along)) - 1.0
+                };
+                let (mut low, mut high) = (0.0, 1.0);
+                for _ in 0..40 {
+                    let middle = f64::midpoint(low, high);
+                    if at(middle) * (a - 1.0) > 0.0 {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                let outwards = ((1.0 - a) / (b - a) - low) * (a - b).signum();
+                sum += outwards;
+                size += outwards.abs();
+                count += 1.0;
+            }
+        }
+        [sum / count, size / count]
+    }
+    for (spacing, decay) in [(1.0, 0.5), (2.0, 0.2)] {
+        let model = model(0.5, 1.0, decay);
+        let options = Options {
+            spacing,
+            ..Options::default()
+        };
+        let grid = sample(&model, &options, Run::on(&Cpu)).unwrap().grid;
+        let (density, root) = (off(&model, &grid), off(&model, &RootDensity(&grid)));
+        assert!(density[0] > 0.02, "{density:?}");
+        assert!(root[0].abs() < 0.3 * density[0], "{root:?} {density:?}");
+        assert!(root[1] < 0.6 * density[1], "{root:?} {density:?}");
     }
 }
 

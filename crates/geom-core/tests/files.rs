@@ -376,6 +376,8 @@ fn quads_and_polygons_are_kept_where_they_can_be() {
         let bytes = std::fs::read(&path).unwrap();
         let again = mesh::parse(&bytes, &name[2..]).unwrap();
         assert_eq!(again.blocks, pentagon.blocks, "{name}");
+        let cut = MeshFile::try_from(again).unwrap();
+        assert_eq!(cut.face_of, [0, 0, 0, 1], "{name}");
     }
     let refused = mesh::save(folder.path().join("b.msh"), &pentagon).unwrap_err();
     assert!(refused.to_string().contains("5 corners"), "{refused}");

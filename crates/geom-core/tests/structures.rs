@@ -495,6 +495,23 @@ fn compressed_files_and_marked_text_are_read_as_plain_ones() {
     }
 }
 
+/// Line ends of old programs of the Macintosh, alone or where a file was put together from several.
+#[test]
+fn lines_may_end_with_carriage_returns_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["1AJJ.pdb", "1A8O.cif"] {
+        let text = std::fs::read_to_string(fixtures::path(name)).unwrap();
+        let plain = fixture(name, &everything());
+        let half = text.len() / 2;
+        let mixed = text[..half].replace('\n', "\r") + &text[half..].replace('\n', "\r\n");
+        for content in [text.replace('\n', "\r"), mixed] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, content).unwrap();
+            assert_eq!(read(&path, &everything()).unwrap().structure, plain);
+        }
+    }
+}
+
 #[test]
 fn radii_that_are_none_are_noticed() {
     let pdb = std::fs::read(fixtures::path("1AJJ.pdb")).unwrap();

@@ -39,7 +39,9 @@ pub enum Error {
         vertex: usize,
     },
     /// More modes than the surface has.
-    #[error("{asked} modes of a surface of {vertices} vertices")]
+    #[error(
+        "{asked} modes of a surface of {vertices} vertices, of which it must have more: fewer modes or smaller faces help"
+    )]
     TooManyModes {
         /// Modes asked for.
         asked: usize,

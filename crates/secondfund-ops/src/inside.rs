@@ -16,7 +16,8 @@ pub use crate::flow::steps::laws::{
     the_energy_of_a_step_that_does_not_sharpen_falls,
 };
 pub use crate::pockets::measure::laws::{
-    a_closed_cavity_has_its_volume_and_no_mouth, a_tunnel_has_two_mouths,
+    a_bent_tunnel_is_deep_in_any_pose, a_closed_cavity_has_its_volume_and_no_mouth,
+    a_tunnel_has_two_mouths,
 };
 pub use crate::pockets::sites::laws::what_is_deep_is_asked_of_each_chain;
 pub use crate::segment::clean::laws::{borders_go_to_creases, neighbours_that_blur_are_joined};

@@ -143,8 +143,10 @@ pub enum Error {
         /// Nodes of the shape.
         count: usize,
     },
-    /// A morph is asked for a time that is no number.
-    #[error("the time of a frame is {time}; it must be finite")]
+    /// A morph is asked for a time that is no number, or so far from both shapes that nothing of them is left.
+    #[error(
+        "the time of a frame is {time}; it must lie within -10…10 (0 is the first shape, 1 the second)"
+    )]
     Time {
         /// The time.
         time: f64,

@@ -376,7 +376,9 @@ fn what_makes_no_sense_is_refused() {
         Error::NotFinite { point: 3 }
     ));
     let fine = morph(&a, &found, &one_way());
-    assert!(matches!(fine.at(f64::NAN), Err(Error::Time { .. })));
+    for time in [f64::NAN, f64::INFINITY, 1e30, -11.0] {
+        assert!(matches!(fine.at(time), Err(Error::Time { .. })), "{time}");
+    }
     let small = MorphOptions {
         max_memory: 1000,
         ..one_way()

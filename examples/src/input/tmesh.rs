@@ -52,7 +52,8 @@ pub struct ElementArgs {
     /// By curvature: along the side of an element the surface turns by so much at most, degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 30.0)]
     turn: f64,
-    /// Keep edges whose triangles' normals differ by more than this, degrees
+    /// Keep edges whose triangles' normals differ by more than this as sides of quads, degrees; a spline surface is smooth
+    /// across them
     #[arg(long, value_name = "DEGREES")]
     crease: Option<f64>,
     /// What the quads follow: none, curvature, modes:1,2, modes:auto, characteristic:1,2
@@ -323,7 +324,7 @@ impl ElementArgs {
         products::note_surface(session, &input.surface)?;
         let input = input.into_manifold(session)?;
         let fine = self.fine_quads(&input, session)?;
-        let allowed = session.stage("levels", || self.allowed(&input, &fine))?;
+        let allowed = session.stage("levels", || self.allowed(&input, &fine, session))?;
         let built = session.stage("T-mesh", || {
             TMesh::build(&fine, &allowed, &TMeshOptions::default())
         })?;
@@ -408,11 +409,17 @@ impl ElementArgs {
         let on = session.on(session.device.crossfield());
         let made = session.stage("quads", || quadrangulate(&input.surface, &options, on))?;
         session.note("rung", made.report.rung())?;
+        crosses::warn(session, &made.report)?;
         Ok(made.mesh)
     }
 
     /// The level that each fine quad allows.
-    fn allowed(&self, input: &Input, fine: &QuadMesh) -> Result<Vec<u8>, Failure> {
+    fn allowed(
+        &self,
+        input: &Input,
+        fine: &QuadMesh,
+        session: &Session,
+    ) -> Result<Vec<u8>, Failure> {
         let Some(wanted) = &self.levels else {
             return Ok(vec![0; fine.quads().len()]);
         };
@@ -426,7 +433,14 @@ impl ElementArgs {
             Wanted::Field(name) => {
                 let field = named(name, input)?;
                 let places = Places::of(input.given(), fine)?;
-                levels::by_field(&places.values(&field.values.to_f64())?, highest)
+                let values = places.values(&field.values.to_f64())?;
+                let none = values.iter().filter(|v| !v.is_finite()).count();
+                if none > 0 {
+                    session.warn(format!(
+                        "{none} quads have no finite value of `{name}`: they stay as fine as there are"
+                    ))?;
+                }
+                levels::by_field(&values, highest)
             }
         };
         Ok(levels::cleaned(fine, &wished, &CleanOptions::default())?)

@@ -46,6 +46,12 @@ pub fn run(session: &Session, mesh: &TriMesh, settings: &Settings) -> Result<(),
     session.note("residuals", &pairs.residuals)?;
     session.note("clusters", &pairs.clusters)?;
     session.note("spectral", &pairs.report)?;
+    if !pairs.report.converged {
+        let worst = pairs.residuals.iter().copied().fold(0.0, f64::max);
+        session.warn(format!(
+            "the eigenpairs have not reached --tolerance: the largest residual is {worst:.1e}"
+        ))?;
+    }
     session.files(4 + pairs.values.len() as u64, || {
         shape_dna(session, mesh, &pairs)?;
         // Coloured once, for files and for pictures.

@@ -93,6 +93,7 @@ fn affordable(options: &Options, mesh: &TriMesh, session: &Session) -> Result<()
 
 fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(), Failure> {
     let report = &made.report;
+    crosses::warn(session, report)?;
     let counts = json!({
         "quads": made.mesh.quads().len(),
         "vertices": made.mesh.positions().len(),

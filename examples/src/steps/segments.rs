@@ -57,10 +57,11 @@ pub struct Segmented {
     sides: usize,
 }
 
-/// The segments of a surface of triangles.
+/// The segments of a surface of triangles; `face_of` has the polygon that each is of, or nothing.
 pub fn of_triangles(
     session: &Session,
     mesh: TriMesh,
+    face_of: &[u32],
     asked: &Settings,
 ) -> Result<Segmented, Failure> {
     let normals = Normals::OfMesh {
@@ -72,8 +73,19 @@ pub fn of_triangles(
         Element::Triangles(&mesh, &normals),
         &Faces::from(&mesh),
     )?;
+    let labels = if face_of.is_empty() {
+        found.labels.clone()
+    } else {
+        let mut next = 0;
+        let label = |polygon: &[u32]| {
+            let first = next;
+            next += polygon.len();
+            most(&found.labels[first..next])
+        };
+        face_of.chunk_by(|a, b| a == b).map(label).collect()
+    };
     Ok(Segmented {
-        labels: found.labels.clone(),
+        labels,
         found,
         shown: mesh,
         sides: 3,

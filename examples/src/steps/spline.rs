@@ -62,7 +62,7 @@ pub fn fit(
         match adapt(mesh.clone(), basis, target, allowed, options, on) {
             Err(because @ Error::NotSuitable { .. }) => {
                 let warning = format!("the basis is hierarchical: {because}");
-                session.note("advice", json!({ "warnings": [warning] }))?;
+                session.warn(warning)?;
                 Ok(adapt(
                     mesh,
                     Basis::Hierarchical,

@@ -198,7 +198,7 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let input = fixture("1AJJ.pdb");
     let mut outputs = Vec::new();
-    for threads in ["1", "2", "4"] {
+    for threads in ["1", "3"] {
         let out = folder.path().join(threads);
         let report = report_of(
             "00_pipeline",
@@ -591,7 +591,7 @@ fn tetrahedra_inside_and_outside_conform_and_improve() {
     let args = [
         &input,
         "--spacing",
-        "1.5",
+        "2",
         "--region",
         "both",
         "--outer",
@@ -1045,6 +1045,22 @@ fn a_surface_falls_into_segments() {
     assert_eq!(report["surface"]["element"], json!("catmull-clark"));
     let labels = std::fs::read_to_string(out.join("segments.seg")).unwrap();
     assert_eq!(labels.lines().count(), 96);
+
+    // So has every face of a mesh of triangles and quads.
+    let text = std::fs::read_to_string(&path).unwrap();
+    let cut = |(i, line): (usize, &str)| match line.split(' ').collect::<Vec<_>>()[..] {
+        ["f", a, b, c, d] if i % 3 == 0 => format!("f {a} {b} {c}\nf {a} {c} {d}\n"),
+        _ => format!("{line}\n"),
+    };
+    let mixed: String = text.lines().enumerate().map(cut).collect();
+    let faces = mixed.lines().filter(|l| l.starts_with("f ")).count();
+    assert_eq!(faces, 96 + 32);
+    std::fs::write(&path, mixed).unwrap();
+    let out = folder.path().join("mixed");
+    let report = report_of("15_segment", &args, &out);
+    assert_eq!(report["counts"]["faces"], json!(faces));
+    let labels = std::fs::read_to_string(out.join("segments.seg")).unwrap();
+    assert_eq!(labels.lines().count(), faces);
 }
 
 #[test]
@@ -1054,6 +1070,12 @@ fn the_pocket_of_a_protease_is_where_its_inhibitor_lies() {
     let args = [&fixture("1hvr.pdb"), "--spacing", "1.5", "--most", "4"];
     let report = report_of("16_pockets", &args, &out);
     let table = std::fs::read_to_string(out.join("pockets.csv")).unwrap();
+    // Fewer rows, but the same.
+    let one = folder.path().join("one");
+    undrawn_report_of("16_pockets", &[&args[..3], &["--most", "1"]].concat(), &one);
+    let shorter = std::fs::read_to_string(one.join("pockets.csv")).unwrap();
+    assert_eq!(shorter.lines().nth(1), table.lines().nth(1));
+    assert_eq!(shorter.lines().count(), 2);
     let first: Vec<&str> = table.lines().nth(1).unwrap().split(',').collect();
     let center: Vec<f64> = first[2..5].iter().map(|x| x.parse().unwrap()).collect();
     let read = io::structure::read(fixture("1hvr.pdb"), &io::structure::ReadOptions::default());
@@ -1175,6 +1197,89 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
     }
 }
 
+/// What a mesh says of its vertices and faces outlasts smoothing, on triangles and on quads.
+#[test]
+fn smoothing_keeps_fields_and_groups() {
+    let folder = tempfile::tempdir().unwrap();
+    let quads = shapes::quad_sphere(1.0, 4);
+    let triangles = quads.clone().into_triangles();
+    for (name, view) in [
+        ("quads", io::view::View::from(&quads)),
+        ("triangles", io::view::View::from(&triangles)),
+    ] {
+        let cells = view.cells();
+        let height: Vec<f64> = view.points.iter().map(|p| p.z).collect();
+        let label: Vec<i32> = (0..cells as i32).collect();
+        let view = view.point_field("height", &height).unwrap();
+        let mut view = view.cell_field("label", &label).unwrap();
+        let group = |name: &str| io::view::Group {
+            name: name.to_owned(),
+            dimension: 2,
+            tag: None,
+        };
+        view.groups = vec![group("inlet"), group("wall")];
+        view.group_of = (0..cells as u32).map(|c| u32::from(c > 9)).collect();
+        let (path, out) = (folder.path().join("labelled.vtu"), folder.path().join(name));
+        io::mesh::save(&path, &view).unwrap();
+        undrawn_report_of("17_smooth", &[path.to_str().unwrap()], &out);
+        let [before, after] = [&path, &out.join("smooth.vtu")].map(|p| io::vtu::read(p).unwrap());
+        assert_eq!(before.blocks, after.blocks);
+        assert_ne!(before.points, after.points);
+        assert_eq!(before.point_fields, after.point_fields);
+        assert_eq!(before.cell_fields, after.cell_fields);
+        assert_eq!(
+            (&before.groups, &before.group_of),
+            (&after.groups, &after.group_of)
+        );
+        assert!(after.find_cell_field("label").is_some() && after.groups.len() == 2);
+    }
+    let ply = io::mesh::read(folder.path().join("triangles/smooth.ply")).unwrap();
+    let names = |fields: &[io::view::Field<'_>]| -> Vec<String> {
+        fields.iter().map(|f| f.name.to_string()).collect()
+    };
+    assert!(names(&ply.point_fields).contains(&"height".to_owned()));
+    assert!(names(&ply.cell_fields).contains(&"label".to_owned()));
+}
+
+/// What is not as asked for is said in the last lines, not in the report alone.
+#[test]
+fn quads_without_a_field_and_modes_that_are_inexact_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |name: &str, args: &[&str]| {
+        let out = folder.path().join(name);
+        let output = run(name, &[args, &["--no-pictures"]].concat(), &out);
+        let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+        (output.status.success(), text)
+    };
+    // A fin on a sphere: an edge of three triangles.
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 3).into_parts();
+    let [a, b, _] = triangles[0];
+    positions.push(geom_core::Point3::new(0.0, 0.0, 2.0));
+    triangles.push([a, b, positions.len() as u32 - 1]);
+    let fin = geom_core::TriMesh::new(positions, triangles).unwrap();
+    let path = folder.path().join("fin.ply");
+    io::mesh::save(&path, &io::view::View::from(&fin)).unwrap();
+    let path = path.to_str().unwrap().to_owned();
+    let (done, text) = said("08_quads", &[&path, "--quads", "100"]);
+    assert!(
+        done && text.contains("warning: the surface had to be repaired: "),
+        "{text}"
+    );
+    let (done, text) = said("06_modes", &[&fixture("spot.ply"), "--tolerance", "1e-17"]);
+    assert!(
+        done && text.contains("warning: the eigenpairs have not reached --tolerance"),
+        "{text}"
+    );
+    let tiny = folder.path().join("tiny.off");
+    let octahedron = shapes::icosphere(1.0, 0);
+    io::mesh::save(&tiny, &io::view::View::from(&octahedron)).unwrap();
+    let (done, text) = said("15_segment", &[tiny.to_str().unwrap()]);
+    assert!(
+        !done && text.contains("tiny.off: --operator parts takes 15 modes"),
+        "{text}"
+    );
+}
+
 #[test]
 fn tiles_are_one_mesh_however_many_there_are() {
     let folder = tempfile::tempdir().unwrap();
@@ -1206,7 +1311,7 @@ fn tiles_are_one_mesh_however_many_there_are() {
         } else {
             &["--no-pictures"]
         };
-        let args = [&[&*input, "--spacing", "1", "--quiet"], drawn, ways].concat();
+        let args = [&[&*input, "--spacing", "1.3", "--quiet"], drawn, ways].concat();
         let output = run("20_tiles", &args, &out);
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{ways:?}: {errors}");
@@ -1375,7 +1480,7 @@ fn tiles_of_dual_contouring_are_one_mesh_too() {
     let made = |tiles: &str| {
         let out = folder.path().join(tiles);
         let ways = ["--method", "dual-contour", "--improve", "--no-pictures"];
-        let args = [&[&*input, "--spacing", "1", "--tiles", tiles], &ways[..]].concat();
+        let args = [&[&*input, "--spacing", "1.3", "--tiles", tiles], &ways[..]].concat();
         let output = run("20_tiles", &args, &out);
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{errors}");
@@ -1383,6 +1488,15 @@ fn tiles_of_dual_contouring_are_one_mesh_too() {
         serde_json::from_slice::<Value>(&report).unwrap()
     };
     let [alone, three] = ["1", "3"].map(made);
+    // Near to the density's own surface, though only its values on the lattice are asked for.
+    let whole = undrawn_report_of(
+        "02_surface",
+        &[&input, "--spacing", "0.5"],
+        &folder.path().join("whole"),
+    );
+    let volumes = [&alone["tiles"]["volume"], &whole["surface"]["volume"]];
+    let volumes = volumes.map(|v| v.as_f64().unwrap());
+    assert!((volumes[0] / volumes[1] - 1.0).abs() < 0.02, "{volumes:?}");
     assert_eq!(alone["tiles"]["digest"], three["tiles"]["digest"]);
     for report in [&alone, &three] {
         assert_eq!(report["volume"]["valid"], true);
@@ -1931,7 +2045,12 @@ fn options_without_effect_are_refused() {
         (
             "09_anisotropy",
             &[&mesh, "--ratio", "0"],
-            "option anisotropy.ratio is 0",
+            "error: --ratio is 0; it must",
+        ),
+        (
+            "02_surface",
+            &[&atoms, "--decay", "0"],
+            "error: --decay is 0; it must",
         ),
         ("08_quads", &[&mesh, "--mode", "hard"], "--mode says how"),
         (
@@ -1973,6 +2092,13 @@ fn options_without_effect_are_refused() {
         assert!(errors.contains(says), "{name} {args:?}: {errors}");
         assert!(!out.exists());
     }
+    let out = folder.path().join("ball.mrc/below");
+    let output = run("06_modes", &[&mesh, "--no-pictures"], &out);
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        errors.contains("ball.mrc is a file, not a folder"),
+        "{errors}"
+    );
     // Without them the same inputs work.
     report_of(
         "02_surface",

@@ -46,7 +46,7 @@ use geom_core::options::require;
 use geom_core::{TriMesh, Vector3};
 
 use crate::Error;
-use crate::field::{Frames, Guide};
+use crate::field::{Frames, Guide, Toward};
 
 /// Which eigenfunctions of the surface's Laplace operator guide the field; the constant one is number 0.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -179,6 +179,19 @@ pub(crate) fn eigenfunction(mesh: &TriMesh, number: usize) -> Result<Vec<f64>, E
     let found = modes::eigenfunctions(mesh, &Modes::Numbers(vec![number]))?;
     let first = found.into_iter().next().map(|mode| mode.function);
     Ok(first.unwrap_or_else(|| vec![0.0; mesh.positions().len()]))
+}
+
+/// Guides along the boundary, which hold the field exactly: of a map, boundaries are lines.
+///
+/// [`quadrangulate`](crate::quadrangulate) adds them itself; who asks for a field alone adds them to the others.
+pub fn rims(frames: &Frames) -> Vec<Guide> {
+    let on_rim = (0..frames.edges().len()).filter(|&h| frames.twin(h).is_none());
+    let guide = |h: usize| Guide {
+        face: (h / 3) as u32,
+        toward: Toward::Side((h % 3) as u8),
+        weight: f64::INFINITY,
+    };
+    on_rim.map(guide).collect()
 }
 
 /// The guides of a connected surface; of a triangle that several name, the first has it.

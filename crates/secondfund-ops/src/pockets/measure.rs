@@ -1,6 +1,9 @@
 //! What a part of a surface measures: area, curvature, mouths, depth, volume.
 
+use std::collections::BTreeSet;
+
 use geom_core::compute::sets::DisjointSets;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, TriMesh, Vector3};
 
 /// How far from the surface a pocket's point may lie to speak for it, Å: a shell reaches 2.8 Å from the atoms, and the
@@ -24,7 +27,7 @@ pub struct Outline {
     pub mean_curvature: f64,
     /// Area of the mouths: of the fans over the border's loops, Å². A tunnel has two, a closed cavity none.
     pub mouth: f64,
-    /// The largest distance of the patch below the nearest of its mouths, Å; 0 in a closed cavity.
+    /// The largest distance of the patch from the nearest of its mouths, Å; 0 in a closed cavity.
     pub depth: f64,
     /// Volume between the patch and its mouths, Å³; of a closed cavity what its wall encloses.
     pub volume: f64,
@@ -121,24 +124,32 @@ impl Lid {
     }
 }
 
-/// The largest distance of a corner below the mouth nearest above it.
-/// 0 for a patch without a border.
+/// The largest distance of a corner from the nearest mouth, over which its fan is spread. 0 for a patch without a border.
+///
+/// Not the height under a mouth's plane: a tunnel that bends lies above the planes of its own mouths.
 fn depth(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
     let largest = lids.iter().map(|lid| lid.normal.norm()).fold(0.0, f64::max);
-    let mouths: Vec<(Vector3, Point3)> = lids
+    let at = |v: u32| surface.positions()[v as usize];
+    let (mut positions, mut fans) = (Vec::new(), Vec::new());
+    let is_mouth = |lid: &&Lid| lid.normal.norm() >= MOUTH * largest;
+    for lid in lids.iter().filter(is_mouth) {
+        for &[a, b] in &lid.edges {
+            let first = positions.len() as u32;
+            positions.extend([lid.middle, at(a), at(b)]);
+            fans.push([first, first + 1, first + 2]);
+        }
+    }
+    if fans.is_empty() {
+        return 0.0;
+    }
+    let mouths = TriMesh::new(positions, fans).expect("corners of a valid mesh");
+    let mouths = TriangleTree::new(&mouths).expect("triangles with finite corners");
+    let corners = triangles
         .iter()
-        .filter(|lid| lid.normal.norm() >= MOUTH * largest)
-        .filter_map(|lid| Some((lid.normal.try_normalize(0.0)?, lid.middle)))
-        .collect();
-    let below = |p: Point3| {
-        let of_mouth = mouths.iter().map(|(up, middle)| up.dot(&(middle - p)));
-        of_mouth.reduce(f64::min).unwrap_or(0.0)
-    };
-    triangles
-        .iter()
-        .flat_map(|&f| surface.corners(f as usize))
-        .map(below)
-        .fold(0.0, f64::max)
+        .flat_map(|&f| surface.triangles()[f as usize]);
+    let corners: BTreeSet<u32> = corners.collect();
+    let distance = |&v: &u32| mouths.closest(&at(v)).distance;
+    corners.iter().map(distance).fold(0.0, f64::max)
 }
 
 /// Enclosed by the lids, turned outwards, and the patch, turned inwards: what lies between them. Negative volumes,
@@ -167,6 +178,8 @@ fn volume(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
 #[cfg(feature = "testing")]
 pub(crate) mod laws {
     use std::f64::consts::PI;
+
+    use geom_core::nalgebra::Rotation3;
 
     use super::*;
 
@@ -200,6 +213,29 @@ pub(crate) mod laws {
         assert!((depth(&wall, &triangles, &lids) - 5.0).abs() < 1e-9);
         let enclosed = volume(&wall, &triangles, &lids);
         assert!((enclosed / (10.0 * disc) - 1.0).abs() < 1e-3, "{enclosed}");
+    }
+
+    /// Three quarters of a ring: the middle lies above the planes of both mouths, and is deep all the same. So it is in any pose.
+    pub fn a_bent_tunnel_is_deep_in_any_pose() {
+        let straight = tunnel(64, 60);
+        let (positions, triangles) = straight.into_parts();
+        let bent = |p: &Point3| {
+            let (sin, cos) = (1.5 * PI * p.z / 10.0).sin_cos();
+            Point3::new((6.0 + p.x) * cos, (6.0 + p.x) * sin, p.y)
+        };
+        let wall: Vec<Point3> = positions.iter().map(bent).collect();
+        let pose = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
+        let depths = [Rotation3::identity(), pose].map(|pose| {
+            let wall = wall.iter().map(|p| pose * p).collect();
+            let wall = TriMesh::new(wall, triangles.clone()).unwrap();
+            let all: Vec<u32> = (0..triangles.len() as u32).collect();
+            depth(&wall, &all, &Lid::all(&wall, &all))
+        });
+        // The middle's outermost corner from the innermost of a mouth.
+        let half = 8.0 / 2.0_f64.sqrt();
+        let expected = (4.0 + half).hypot(half);
+        assert!((depths[0] - expected).abs() < 1e-9, "{depths:?}");
+        assert!((depths[0] - depths[1]).abs() < 1e-9, "{depths:?}");
     }
 
     /// The wall of a round cavity, far from the origin: all of its volume, and no mouth. Seen from outside it is a body, no

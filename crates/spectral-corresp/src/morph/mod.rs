@@ -270,7 +270,7 @@ impl Morph {
     /// The ends are exact.
     ///
     /// # Errors
-    /// [`Error::Time`] for a time that is no number, [`Error::NotSolved`].
+    /// [`Error::Time`] for a time that is no number or beyond ±10, [`Error::NotSolved`].
     pub fn at(&self, t: f64) -> Result<Vec<Point3>, Error> {
         if t == 0.0 {
             return Ok(self.rest.clone());
@@ -278,7 +278,9 @@ impl Morph {
         if t == 1.0 {
             return Ok(self.target.clone());
         }
-        if !t.is_finite() {
+        // Ten times the way from one shape to the other: numbers stay far from where lattices overflow.
+        const FARTHEST: f64 = 10.0;
+        if !(-FARTHEST..=FARTHEST).contains(&t) {
             return Err(Error::Time { time: t });
         }
         let between = self.rest.iter().zip(&self.target);

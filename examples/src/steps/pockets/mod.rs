@@ -119,7 +119,12 @@ fn by_burial(
     (options, source): (&PocketOptions, OutlineSource),
     decay: f64,
 ) -> Result<(TriMesh, Found), Failure> {
-    let found = session.stage("pockets", || find(structure, options))?;
+    // Neighbours share the surface between them: those beyond the most have theirs, too, so that the others' rows stay the same.
+    let all = PocketOptions {
+        most: usize::MAX,
+        ..*options
+    };
+    let mut found = session.stage("pockets", || find(structure, &all))?;
     let surface = surface(session, structure, settings, decay)?;
     let outlining = OutlineOptions {
         radius: options.radius,
@@ -127,9 +132,11 @@ fn by_burial(
         ..OutlineOptions::default()
     };
     let on = session.on(session.device.operators());
-    let outlines = session.stage("outlines", || {
+    let mut outlines = session.stage("outlines", || {
         outline(&surface, structure, &found.pockets, &outlining, on)
     })?;
+    outlines.truncate(options.most);
+    found.pockets.truncate(options.most);
     session.note("counts", json!({ "atoms": found.atoms }))?;
     session.note(
         "pockets",

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gauss_density::{Copies, sample_window};
+use gauss_density::{Copies, RootDensity, sample_window};
 use geom_core::grid::lattice::Window;
 use geom_core::io::view::Group;
 use geom_core::structure::Transform;
@@ -310,7 +310,8 @@ impl<'a> Plan<'a> {
         let run = session.on(&Cpu);
         let window = Window::around(self.lattice, own[0], own[1], dual_contour::HALO);
         let grid = sample_window(self.copies, &self.density, &window, run)?;
-        let (piece, _) = dual_contour::tile(&grid, None, &window, own, &self.contour, run)?;
+        let (piece, _) =
+            dual_contour::tile(&RootDensity(&grid), None, &window, own, &self.contour, run)?;
         drop(grid);
         if piece.mesh.tets().is_empty() {
             return Ok(Border::default());

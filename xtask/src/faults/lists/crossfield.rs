@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "no vertex of a rim without corners is pinned",
+        "crates/crossfield/src/map/parameterize/quantized.rs",
+        "let may_pin = self.system.seams.pinned.is_empty();",
+        "let may_pin = false;",
+    )
+    .seen_by("laws::round_holes_have_four_irregular_vertices_each"),
+    Fault::wrong(
         "sums of integers hang loosely on these",
         "crates/crossfield/src/map/system.rs",
         "const STIFF: f64 = (1u64 << 20) as f64;",

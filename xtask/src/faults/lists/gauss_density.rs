@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "the root of a density is the density",
+        "crates/gauss-density/src/sample/root.rs",
+        "2.0 * density.max(0.0).sqrt() - 1.0",
+        "density.max(0.0)",
+    )
+    .seen_by("laws::the_root_crosses_nearly_where_the_density_does"),
+    Fault::wrong(
         "the cull spends 16 times what it may",
         "crates/gauss-density/src/kernel/cull.rs",
         "let ln_rho = budget.rho.ln();",

@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "depths are distances from some corner",
+        "crates/secondfund-ops/src/pockets/measure.rs",
+        "let distance = |&v: &u32| mouths.closest(&at(v)).distance;",
+        "let distance = |&v: &u32| (at(v) - at(triangles[0])).norm();",
+    )
+    .seen_by("inside::a_bent_tunnel_is_deep_in_any_pose"),
+    Fault::wrong(
         "mean curvature counts the mixed entry once",
         "crates/secondfund-ops/src/forms/symmetric.rs",
         "0.5 * (g.yy * b.xx - 2.0 * g.xy * b.xy + g.xx * b.yy) / g.determinant()",

@@ -77,11 +77,12 @@ impl Coarse {
                 coarse.out[coarse.from[h] as usize] = h as u32;
             }
         }
-        for v in (0..field.index.len()).filter(|&v| field.index[v] != 0) {
+        let stays = |v: usize| field.index[v] != 0 || seams.pinned.contains(&v);
+        for v in (0..field.index.len()).filter(|&v| stays(v)) {
             coarse.make_exact(frames, cut, seams, v);
         }
         let mut left: Vec<u32> = (0..field.index.len() as u32)
-            .filter(|&v| field.index[v as usize] == 0 && coarse.out[v as usize] != NONE)
+            .filter(|&v| !stays(v as usize) && coarse.out[v as usize] != NONE)
             .collect();
         // What cannot be taken out now may be when its neighbours are gone.
         let mut most = FEW_AROUND;

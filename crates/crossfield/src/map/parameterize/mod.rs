@@ -27,7 +27,7 @@ use super::exact::{GridMap, MapReport, fixed};
 use super::integers::{AtLeast, MOST_DENSE, Spread};
 use super::spacing::{Chart, Spacing, charts};
 use super::system::{System, Weighted};
-use super::transition::Seams;
+use super::transition::{Seams, without_corners};
 use super::unfold::{Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
@@ -139,8 +139,27 @@ pub(crate) fn parameterized(
     widening: Option<Widening<'_>>,
     run: On<'_>,
 ) -> Result<Laid, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options, unfolding.most_dense)?;
-    let system = System::new(&cut, &seams, &charts);
+    let laid = |pinned: Vec<usize>| {
+        let prepared = prepared(mesh, frames, field, options, pinned, unfolding.most_dense)?;
+        laid(mesh, frames, field, &prepared, unfolding, widening, run)
+    };
+    match laid(Vec::new())? {
+        Some(laid) => Ok(laid),
+        None => Ok(laid(without_corners(frames, field))?.expect("nothing more can be pinned")),
+    }
+}
+
+/// The same of what has been prepared. `None` where a decimated map is looked for, and one with pinned vertices would help.
+fn laid(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    (cut, seams, charts): &(Cut, Seams, Vec<Chart>),
+    unfolding: Unfolding<'_>,
+    widening: Option<Widening<'_>>,
+    run: On<'_>,
+) -> Result<Option<Laid>, Error> {
+    let system = System::new(cut, seams, charts);
     let mut making = Making::new(mesh, frames, field, system, unfolding, run);
     run.progress("map", 0, 3)?;
     // What is upright shall have its integers.
@@ -149,16 +168,19 @@ pub(crate) fn parameterized(
     unfolding.effort.give_back(&reserve);
     let mut relaxed = relaxed?;
     run.progress("map", 1, 3)?;
-    let Rounded {
+    let Some(Rounded {
         mut w,
         stage,
         spread,
         is_narrow,
-    } = making.quantized(&mut relaxed, widening)?;
+    }) = making.quantized(&mut relaxed, widening)?
+    else {
+        return Ok(None);
+    };
     run.progress("map", 2, 3)?;
     let may_be_vain = is_narrow && widening.is_some_and(|w| w.may_be_vain);
     let spread = match spread {
-        Some(spread) if may_be_vain => return Ok(Laid::Vain(spread)),
+        Some(spread) if may_be_vain => return Ok(Some(Laid::Vain(spread))),
         spread => spread,
     };
     // With a decimated map to fall back on, no more than a little.
@@ -167,28 +189,30 @@ pub(crate) fn parameterized(
     making.unfold(&relaxed.weighted, spread.is_some(), &mut w)?;
     unfolding.effort.give_back(&share);
     making.report.energy = making.system.energy(&making.system.corners(&w));
-    match (
-        fixed(frames, field, &cut, &seams, &w, stage, making.report),
+    let laid = match (
+        fixed(frames, field, cut, seams, &w, stage, making.report),
         spread,
     ) {
-        (Ok(map), _) => Ok(Laid::Whole(map)),
+        (Ok(map), _) => Laid::Whole(map),
         (Err(error), Some(mut spread)) => {
             spread.map.report = MapReport {
                 decimated: true,
                 ..making.report
             };
-            Ok(Laid::Decimated(spread, error))
+            Laid::Decimated(spread, error)
         }
-        (Err(error), None) => Err(error),
-    }
+        (Err(error), None) => return Err(error),
+    };
+    Ok(Some(laid))
 }
 
-/// The cut, its conditions and what is wanted in each triangle.
+/// The cut, its conditions with some vertices pinned to integers, and what is wanted in each triangle.
 fn prepared(
     mesh: &TriMesh,
     frames: &Frames,
     field: &CrossField,
     options: &MapOptions,
+    pinned: Vec<usize>,
     most_dense: usize,
 ) -> Result<(Cut, Seams, Vec<Chart>), Error> {
     let spacing = &options.spacing;
@@ -200,7 +224,7 @@ fn prepared(
     lines.sort_unstable();
     lines.dedup();
     let cut = Cut::of(mesh, frames, field)?;
-    let seams = Seams::of(frames, field, &cut, &lines, most_dense);
+    let seams = Seams::of(frames, field, &cut, &lines, pinned, most_dense);
     let charts = charts(mesh, frames, field, &cut, spacing);
     Ok((cut, seams, charts))
 }
@@ -214,7 +238,7 @@ fn alone<T>(
     run: On<'_>,
     make: impl FnOnce(Making<'_>) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options, MOST_DENSE)?;
+    let (cut, seams, charts) = prepared(mesh, frames, field, options, Vec::new(), MOST_DENSE)?;
     let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,

@@ -41,7 +41,7 @@ pub(crate) fn sizes(
         spacing: Spacing::Uniform(1.0),
         lines: Vec::new(),
     };
-    let (_, _, charts) = prepared(mesh, frames, field, &options, MOST_DENSE)?;
+    let (_, _, charts) = prepared(mesh, frames, field, &options, Vec::new(), MOST_DENSE)?;
     conformal::scales(&charts, frames, field)
 }
 
@@ -221,7 +221,7 @@ pub(crate) fn unfolding_costs(
 ) -> Result<Vec<Option<f64>>, Error> {
     let ends = Ends::default();
     let of = |options: &MapOptions| {
-        let (cut, seams, charts) = prepared(mesh, frames, field, options, MOST_DENSE)?;
+        let (cut, seams, charts) = prepared(mesh, frames, field, options, Vec::new(), MOST_DENSE)?;
         let effort = Effort::of(charts.len());
         let unfolding = Unfolding {
             effort: &effort,

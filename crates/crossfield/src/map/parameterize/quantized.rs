@@ -10,6 +10,7 @@ use crate::map::integers::{
     AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube,
 };
 use crate::map::system::{System, Weighted};
+use crate::map::transition::without_corners;
 
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
@@ -46,12 +47,13 @@ impl<'a> Making<'a> {
     ///
     /// Three outcomes: the rounded integers, where nothing folds, or the decimated map is upright with them, or there is no
     /// decimated map to judge them by; those found under the conditions of the decimated map; and an error, if there are
-    /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for.
+    /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for. `None` where
+    /// the map cannot be decimated since a boundary has no corner, which pinning a vertex there mends.
     pub(super) fn quantized(
         &mut self,
         relaxed: &mut Optimum<'a>,
         widening: Option<Widening<'_>>,
-    ) -> Result<Rounded, Error> {
+    ) -> Result<Option<Rounded>, Error> {
         let Optimum {
             weighted,
             w,
@@ -66,15 +68,19 @@ impl<'a> Making<'a> {
             is_narrow: false,
         };
         if self.faults(&self.system.corners(&direct.w)).is_empty() {
-            return Ok(direct);
+            return Ok(Some(direct));
         }
         // Whether integers can hold the map upright is said by the few triangles between singular vertices.
         let decimated = self
             .decimated(corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
         let Some((coarse, mut upright)) = decimated else {
+            let may_pin = self.system.seams.pinned.is_empty();
+            if may_pin && !without_corners(self.frames, self.field).is_empty() {
+                return Ok(None);
+            }
             let stage = "rounding without a decimated map";
-            return Ok(Rounded { stage, ..direct });
+            return Ok(Some(Rounded { stage, ..direct }));
         };
         // Those at hand may do, with the reals of other places; else others are looked for.
         let mut z = rounded;
@@ -105,7 +111,7 @@ impl<'a> Making<'a> {
         if let Some(spread) = &mut spread {
             spread.map.report = self.report;
         }
-        Ok(Rounded {
+        Ok(Some(Rounded {
             w: weighted.values_for(&wider)?,
             stage: match self.report.respaced {
                 true => "rounding to other integers",
@@ -113,7 +119,7 @@ impl<'a> Making<'a> {
             },
             spread,
             is_narrow,
-        })
+        }))
     }
 
     /// The triangles between singular vertices and corners, of a map without integers.

@@ -16,6 +16,8 @@ mod basis;
 
 use std::collections::BTreeMap;
 
+use geom_core::VertexId;
+
 use self::basis::followers;
 use super::cut::Cut;
 use crate::field::CrossField;
@@ -85,6 +87,18 @@ pub(crate) struct Seams {
     sums: Rows,
     /// Of values: what vanishes if the sums are those of the integers. Unlike `sums` each hangs on what is near to it.
     pub(crate) closings: Rows,
+    /// Vertices whose coordinates are integers though the field needs none there.
+    pub(crate) pinned: Vec<usize>,
+}
+
+/// One vertex of each boundary on which the field has no corner: a decimated map needs a vertex on every boundary.
+pub(crate) fn without_corners(frames: &Frames, field: &CrossField) -> Vec<usize> {
+    let has_corner = |rim: &Vec<VertexId>| rim.iter().any(|v| field.index[v.0 as usize] != 0);
+    let loops = frames.edges().boundary_loops().into_iter();
+    loops
+        .filter(|rim| !has_corner(rim))
+        .map(|rim| rim[0].0 as usize)
+        .collect()
 }
 
 impl Seams {
@@ -101,10 +115,11 @@ impl Seams {
         field: &CrossField,
         cut: &Cut,
         lines: &[usize],
+        pinned: Vec<usize>,
         most_dense: usize,
     ) -> Self {
         let places = Places::of(frames, cut);
-        let mut unknowns = Unknowns::of(frames, field, cut);
+        let mut unknowns = Unknowns::of(frames, field, cut, &pinned);
         for closing in &places.closings {
             unknowns.impose(closing.clone());
         }
@@ -118,10 +133,11 @@ impl Seams {
         for &(h, component) in &aligned {
             unknowns.make_integer(&places.form(cut.copy[h], component));
         }
-        for row in gauge(frames, field, cut, &places, &aligned) {
+        for row in gauge(frames, field, cut, &places, &aligned, &pinned) {
             unknowns.impose(row);
         }
-        unknowns.rows(&places, cut.vertex.len(), most_dense)
+        let seams = unknowns.rows(&places, cut.vertex.len(), most_dense);
+        Self { pinned, ..seams }
     }
 
     /// The terms of a coordinate: value and coefficient.
@@ -251,8 +267,10 @@ fn gauge(
     cut: &Cut,
     places: &Places,
     aligned: &[(usize, usize)],
+    pinned: &[usize],
 ) -> Vec<Form> {
     let singular = field.singular_vertices(frames).next();
+    let singular = singular.or(pinned.first().copied());
     if let Some(v) = singular {
         let copy = cut.copy[frames.around(v).next().expect("a used vertex")];
         return vec![places.form(copy, 0), places.form(copy, 1)];
@@ -412,13 +430,16 @@ const SHORT: usize = 4;
 
 impl Unknowns {
     /// All variables free: two per vertex, two per chain.
-    fn of(frames: &Frames, field: &CrossField, cut: &Cut) -> Self {
+    fn of(frames: &Frames, field: &CrossField, cut: &Cut, pinned: &[usize]) -> Self {
         let vertices = frames.edges().vertices();
         let variables = 2 * (vertices + cut.chains);
         let mut integer = vec![false; variables];
         let mut rank = vec![f64::INFINITY; variables];
         integer[2 * vertices..].fill(true);
-        for v in field.singular_vertices(frames) {
+        for v in field
+            .singular_vertices(frames)
+            .chain(pinned.iter().copied())
+        {
             integer[2 * v] = true;
             integer[2 * v + 1] = true;
         }
@@ -623,6 +644,7 @@ impl Unknowns {
             integers: integers.len(),
             sums: Rows::of(sums.iter().map(|(_, form)| form), &integer),
             closings,
+            pinned: Vec::new(),
         }
     }
 }

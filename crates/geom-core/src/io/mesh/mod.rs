@@ -92,6 +92,8 @@ pub struct MeshFile {
     /// With tetrahedra: triangles that the file has beside them, with their group.
     /// Boundaries and interfaces that have names, mostly; quads and polygons as fans.
     pub faces: Vec<([u32; 3], u32)>,
+    /// The face of the file that each triangle is of, where larger polygons were cut; else empty.
+    pub face_of: Vec<u32>,
 }
 
 /// Reads a mesh; the format is told by the content, or else by the name. See [`MeshFile`]'s
@@ -238,6 +240,12 @@ impl MeshFile {
             true => Vec::new(),
             false => cells.iter().map(|&c| view.group_of[c]).collect(),
         };
+        let cut = !tets && !quads && cells.len() > number;
+        let face_of = if cut {
+            cells.iter().map(|&c| c as u32).collect()
+        } else {
+            Vec::new()
+        };
         let points = view.points.into_owned();
         let mesh = if tets {
             let regions = regions(corners4.len(), &cell_fields, &view.groups, &group_of)?;
@@ -255,6 +263,7 @@ impl MeshFile {
             groups: view.groups,
             group_of,
             faces,
+            face_of,
         })
     }
 }

@@ -43,6 +43,7 @@ mod pdb;
 pub mod pqr;
 mod record;
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::Path;
 
@@ -351,6 +352,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructu
     let path = path.as_ref();
     let read = || {
         let content = read_bytes_up_to(path, options.max_bytes)?;
+        let content = line_ends(&content);
         let format = match options.format {
             Some(format) => format,
             None => Format::detect(&content, Some(path))?,
@@ -358,6 +360,17 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructu
         parse(&content, format, options)
     };
     read().map_err(|e: Error| if e.file.is_some() { e } else { e.in_file(path) })
+}
+
+/// The content with line feeds at the ends of its lines, where old programs of the Macintosh have written carriage returns
+/// alone: of such a file all would be one line.
+fn line_ends(content: &[u8]) -> Cow<'_, [u8]> {
+    let alone = |i: usize| content[i] == b'\r' && content.get(i + 1) != Some(&b'\n');
+    if !content.contains(&b'\r') || !(0..content.len()).any(alone) {
+        return Cow::Borrowed(content);
+    }
+    let ended = |i: usize| if alone(i) { b'\n' } else { content[i] };
+    Cow::Owned((0..content.len()).map(ended).collect())
 }
 
 /// Some editors begin UTF-8 files with it.
@@ -388,6 +401,7 @@ pub fn parse(
     if content.iter().all(u8::is_ascii_whitespace) {
         return Err(ErrorKind::Empty.into());
     }
+    let content = &*line_ends(content);
     let records = match format {
         Format::Pdb => pdb::parse(content, options.models),
         Format::Mmcif => mmcif::parse(content, options.models),
