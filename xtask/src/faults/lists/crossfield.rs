@@ -4,6 +4,20 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "a walk along a rim turns back at its vertex for rounding",
+        "crates/crossfield/src/map/integers/spread.rs",
+        "true => angle.clamp(0.0, total),",
+        "true => angle.rem_euclid(total),",
+    )
+    .seen_by("laws::round_holes_have_four_irregular_vertices_each"),
+    Fault::wrong(
+        "a walk along a rim ends at the first vertex of it",
+        "crates/crossfield/src/map/integers/spread.rs",
+        "const ASIDE: f64 = 1e-6;",
+        "const ASIDE: f64 = -1.0;",
+    )
+    .seen_by("laws::round_holes_have_four_irregular_vertices_each"),
+    Fault::wrong(
         "no vertex of a rim without corners is pinned",
         "crates/crossfield/src/map/parameterize/quantized.rs",
         "let may_pin = self.system.seams.pinned.is_empty();",

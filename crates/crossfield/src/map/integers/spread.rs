@@ -17,6 +17,9 @@ use crate::map::transition::Sum;
 
 type Point = [f64; 2];
 
+/// A line that meets a side at a larger angle than this, radians, does not run along it.
+const ASIDE: f64 = 1e-6;
+
 /// A decimated map with integers at its corners. Between them it is the relaxed map, stretched: each of its triangles is one
 /// of that map's plane, and a point of it is found by a straight walk from a corner. It is upright wherever the integers leave
 /// its few triangles so, whatever the triangles of the surface.
@@ -199,7 +202,7 @@ impl Spread {
         )
     }
 
-    /// So far straight on from a vertex.
+    /// So far straight on from a vertex; along a rim from side to side of it.
     ///
     /// At most four steps per triangle of the surface: a straight line of the map meets a triangle more than once only
     /// if it goes around something.
@@ -222,15 +225,33 @@ impl Spread {
             let uv = &self.relaxed[over / 3];
             let (p, q) = (uv[over % 3], uv[next(over) % 3]);
             let side = minus(q, p);
-            let far = cross(minus(p, at), side) / cross(direction, side);
+            let (along, across) = (dot(direction, side), cross(direction, side));
+            // Along a side, as lines on a rim go, it does not cross it, but goes to its end.
+            let is_along = across.abs() <= ASIDE * along.abs();
+            let end = if along > 0.0 { q } else { p };
+            let far = match is_along {
+                true => dot(minus(end, at), direction),
+                false => cross(minus(p, at), side) / across,
+            };
             if far.is_nan() || length <= far {
                 let end = [0, 1].map(|c| at[c] + direction[c] * length);
                 return Some((over / 3, weights_of(uv, end)));
             }
             let far = far.max(0.0);
             length -= far;
-            let crossing = [0, 1].map(|c| at[c] + direction[c] * far);
-            let twin = frames.twin(over)?;
+            let crossing = match is_along {
+                true => end,
+                false => [0, 1].map(|c| at[c] + direction[c] * far),
+            };
+            let Some(twin) = frames.twin(over) else {
+                if !is_along {
+                    return None;
+                }
+                let vertex = frames.from(if along > 0.0 { next(over) } else { over });
+                let (h, onwards) = self.along_rim(frames, vertex, along > 0.0)?;
+                (at, direction, over) = (self.relaxed[h / 3][h % 3], onwards, next(h));
+                continue;
+            };
             let turn = (4 - self.turn[over]) % 4;
             let there = &self.relaxed[twin / 3];
             let offset = rotated(minus(crossing, p), turn);
@@ -247,9 +268,24 @@ impl Spread {
         None
     }
 
+    /// From a vertex of the boundary along it, with the surface on the left or on the right: a half-edge out of the vertex and
+    /// the direction in its chart.
+    fn along_rim(&self, frames: &Frames, vertex: usize, left: bool) -> Option<(usize, Point)> {
+        let mut fan = frames.around(vertex);
+        let (h, to) = match left {
+            true => fan.next().map(|h| (h, next(h)))?,
+            false => fan.last().map(|h| (h, previous(h)))?,
+        };
+        let uv = &self.relaxed[h / 3];
+        let side = minus(uv[to % 3], uv[h % 3]);
+        let norm = side[0].hypot(side[1]);
+        Some((h, side.map(|x| x / norm)))
+    }
+
     /// The triangle at a vertex into which a direction points, by its half-edge there, and the direction in its chart.
     ///
-    /// Angles are taken modulo the total angle around the vertex in the map; on a boundary they are not more than that.
+    /// Angles are taken modulo the total angle around the vertex in the map; on a boundary they are not more than that, but for
+    /// rounding.
     fn start(&self, frames: &Frames, vertex: usize, angle: f64) -> Option<(usize, Point)> {
         let toward = |h: usize, to: usize| {
             let uv = &self.relaxed[h / 3];
@@ -260,7 +296,11 @@ impl Spread {
             .iter()
             .map(|&h| opening(toward(h, next(h)), toward(h, previous(h))))
             .collect();
-        let mut rest = angle.rem_euclid(openings.iter().sum());
+        let total: f64 = openings.iter().sum();
+        let mut rest = match frames.on_boundary(vertex) {
+            true => angle.clamp(0.0, total),
+            false => angle.rem_euclid(total),
+        };
         for (k, &h) in fan.iter().enumerate() {
             if rest <= openings[k] || k + 1 == fan.len() {
                 let (sine, cosine) = rest.min(openings[k]).sin_cos();
@@ -273,6 +313,10 @@ impl Spread {
         }
         None
     }
+}
+
+fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
 }
 
 /// Barycentric coordinates, those below 0 raised to 0, so that a point beside a triangle for rounding is put on its
