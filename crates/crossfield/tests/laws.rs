@@ -436,7 +436,7 @@ fn round_holes_have_four_irregular_vertices_each() {
     for count in 1..=3 {
         let mesh = plate_with_round_holes(30, &holes[..count]);
         // Of the decimated map alone, too: few quads, whose integers hold no map of all triangles.
-        for size in [600, 200] {
+        for size in [600, 140] {
             let made = quads(&mesh, Size::Quads(size));
             let (report, found) = (&made.report, made.mesh.quads().len());
             assert_eq!(report.rung(), Rung::Direct, "{:?}", report.parts);
