@@ -22,7 +22,8 @@ struct Args {
     #[command(flatten)]
     source: SourceArgs,
     /// The field along whose gradient quads are narrow: mode:1 (an eigenfunction, the constant not counted), curvature (the
-    /// mean one), distance:X,Y,Z or distance:SELECTOR (along the surface, from a point or from selected atoms), or the name of a point field of a mesh
+    /// mean one), distance:X,Y,Z or distance:SELECTOR (along the surface, from a point or from selected atoms), or the name of a
+    /// point field of a mesh
     #[arg(long, value_name = "FIELD", default_value = "mode:1", value_parser = anisotropy::source)]
     field: anisotropy::Source,
     /// How far from --field distance:… quads are narrow: to 1/e, Å [default: a tenth of the surface's diagonal]

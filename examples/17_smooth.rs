@@ -73,9 +73,9 @@ Examples:
   17_smooth part.off --method total-variation --out filtered
 
 Outputs: smooth.vtu (with the fields and groups of the input), smooth.ply, smooth.glb, smooth.png (before and after),
-report.json with displacements and volumes. Quads stay quads in smooth.vtu and smooth.obj; the flows take them as the control mesh of a Catmull–Clark surface, the filters as they stand.
-Noise on flat parts: total-variation; on round bodies: mean-curvature. ggho moves the surface and keeps its edges; noise,
-too, but for little of it.";
+report.json with displacements and volumes. Quads stay quads in smooth.vtu and smooth.obj; the flows take them as the
+control mesh of a Catmull–Clark surface, the filters as they stand. Noise on flat parts: total-variation; on round bodies:
+mean-curvature. ggho moves the surface and keeps its edges; noise, too, but for little of it.";
 
 #[derive(Clone, Copy, Default, PartialEq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -226,9 +226,8 @@ fn triangles(
         None => smooth(mesh, args.normal_rounds, &args.options(), on),
     })?;
     let fields = carried(Fields::from(&done.mesh), said);
-    io::mesh::save(session.output("smooth.vtu")?, &fields)?;
-    io::mesh::save(session.output("smooth.ply")?, &fields)?;
-    write(args, session, mesh, &done.mesh, &done.report)
+    let files = [("smooth.vtu", &fields), ("smooth.ply", &fields)];
+    write(args, session, [mesh, &done.mesh], &done.report, &files)
 }
 
 fn quads(
@@ -243,19 +242,22 @@ fn quads(
         None => smooth_quads(mesh, &args.options(), on),
     })?;
     let fields = carried(Fields::from(&done.mesh), said);
-    io::mesh::save(session.output("smooth.vtu")?, &fields)?;
-    io::mesh::save(session.output("smooth.obj")?, &fields)?;
     let [before, after] = [mesh, &done.mesh].map(|m| m.clone().into_triangles());
-    io::mesh::save(session.output("smooth.ply")?, &Fields::from(&after))?;
-    write(args, session, &before, &after, &done.report)
+    let plain = Fields::from(&after);
+    let files = [
+        ("smooth.vtu", &fields),
+        ("smooth.obj", &fields),
+        ("smooth.ply", &plain),
+    ];
+    write(args, session, [&before, &after], &done.report, &files)
 }
 
 fn write(
     args: &Args,
     session: &Session,
-    before: &TriMesh,
-    after: &TriMesh,
+    [before, after]: [&TriMesh; 2],
     report: &FlowReport,
+    files: &[(&str, &Fields<'_>)],
 ) -> Result<(), Failure> {
     session.note("flow", report)?;
     let [first, last] = report.volume;
@@ -266,6 +268,9 @@ fn write(
     }
     products::note_surface(session, after)?;
     session.files(3, || {
+        for &(name, fields) in files {
+            io::mesh::save(session.output(name)?, fields)?;
+        }
         for (name, mesh) in [("1: before", before), ("2: after", after)] {
             session.show(name, mesh, products::colorings(mesh, None));
         }

@@ -186,12 +186,16 @@ pub(crate) fn eigenfunction(mesh: &TriMesh, number: usize) -> Result<Vec<f64>, E
 /// [`quadrangulate`](crate::quadrangulate) adds them itself; who asks for a field alone adds them to the others.
 pub fn rims(frames: &Frames) -> Vec<Guide> {
     let on_rim = (0..frames.edges().len()).filter(|&h| frames.twin(h).is_none());
-    let guide = |h: usize| Guide {
+    on_rim.map(along).collect()
+}
+
+/// The guide that holds the field to a half-edge.
+pub(crate) fn along(h: usize) -> Guide {
+    Guide {
         face: (h / 3) as u32,
         toward: Toward::Side((h % 3) as u8),
         weight: f64::INFINITY,
-    };
-    on_rim.map(guide).collect()
+    }
 }
 
 /// The guides of a connected surface; of a triangle that several name, the first has it.

@@ -244,6 +244,7 @@ impl Spread {
                 false => [0, 1].map(|c| at[c] + direction[c] * far),
             };
             let Some(twin) = frames.twin(over) else {
+                // The rim's next side, if the line runs along it; whatever else leaves the surface is lost.
                 if !is_along {
                     return None;
                 }
@@ -252,6 +253,7 @@ impl Spread {
                 (at, direction, over) = (self.relaxed[h / 3][h % 3], onwards, next(h));
                 continue;
             };
+            // Into the chart of the triangle beyond, measured from the end that both charts have of the side.
             let turn = (4 - self.turn[over]) % 4;
             let there = &self.relaxed[twin / 3];
             let offset = rotated(minus(crossing, p), turn);

@@ -19,7 +19,7 @@ use crate::anisotropy::{Metric, Misalignment, Slope, adapted};
 use crate::backend::On;
 use crate::error::Error;
 use crate::field::solve::field_of;
-use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
+use crate::field::{CrossField, FieldReport, Frames, Guide};
 use crate::guidance;
 use crate::map::{Effort, MapOptions, MapReport};
 use crate::options::{FieldOptions, Ladder, Options};
@@ -617,11 +617,7 @@ fn wishes(part: &Part, asked: &Asked<'_>) -> Result<Wishes, Error> {
         let named: std::collections::BTreeSet<u32> = guides.iter().map(|g| g.face).collect();
         guides.extend(metric.guides().filter(|g| !named.contains(&g.face)));
     }
-    guides.extend(part.lines.iter().map(|&h| Guide {
-        face: (h / 3) as u32,
-        toward: Toward::Side((h % 3) as u8),
-        weight: f64::INFINITY,
-    }));
+    guides.extend(part.lines.iter().map(|&h| guidance::along(h)));
     Ok(Wishes { guides, metric })
 }
 

@@ -209,6 +209,7 @@ impl MeshFile {
                 .iter()
                 .filter(move |b| b.dimension() == dimension)
         };
+        // The highest dimension decides what the mesh is made of.
         let tets = kind(3).any(|b| !b.is_empty());
         let quads = kind(2).any(|b| !b.is_empty())
             && kind(2).all(|b| b.is_empty() || matches!(b, Cells::Quads(_)));
@@ -240,6 +241,7 @@ impl MeshFile {
             true => Vec::new(),
             false => cells.iter().map(|&c| view.group_of[c]).collect(),
         };
+        // Several triangles of one face: larger polygons have been cut.
         let cut = !tets && !quads && cells.len() > number;
         let face_of = if cut {
             cells.iter().map(|&c| c as u32).collect()
