@@ -26,7 +26,8 @@ struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
     #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
-    /// Largest share of the density near the surface that may be lost; 0 keeps every atom
+    /// Largest share of the density near the surface that may be lost (worst_loss in report.json; surface_max compares at the
+    /// points of the new surface, and may be a little more); 0 keeps every atom
     #[arg(long, value_name = "EPS", default_value_t = Elimination::default().epsilon)]
     epsilon: f64,
     /// Chains (or any other parts, like B:10-25) that keep all their atoms

@@ -116,7 +116,10 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     }
     let made = args.mesh.make(session)?;
     if made.mesh.elements().iter().all(|e| e.level == 0) {
-        let because = "cuts elements of higher levels, and there are none; see --levels";
+        let because = match args.mesh.has_levels() {
+            true => "cuts elements of higher levels, and none have come of --levels here",
+            false => "cuts elements of higher levels, and there are none; see --levels",
+        };
         session.refuse(&["tolerance"], because)?;
     }
     let basis = match args.basis {

@@ -159,8 +159,11 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
             let unchanged = morph.frame(0.0, on)?;
             noted.insert("first_shape".to_owned(), difference(&field, &unchanged)?);
         }
-        measures.push(noted);
         let surface = contour(session, &frame.grid, frame.level, None)?;
+        if let Value::Object(noted) = &mut noted {
+            noted.insert("surface_volume".to_owned(), surface.volume().into());
+        }
+        measures.push(noted);
         frames.push((frame, surface));
     }
     session.note("frames", measures)?;
@@ -268,7 +271,7 @@ fn write(session: &Session, pair: &Pair, frames: &[(Frame, TriMesh)]) -> Result<
             let mut scene = Scene::new(vec![layer, unseen.clone()], view);
             scene.caption = Some(format!(
                 "{} Å³ · stretch {:.2}",
-                measured(frame.report.volume),
+                measured(surface.volume()),
                 frame.report.largest_stretch
             ));
             let image = scene.draw(session.rasterizer()?, [520, 420])?;

@@ -37,7 +37,9 @@ Examples:
   14_compare before.mrc after.mrc --isovalue 0.02 --out maps
 
 Outputs: diameters.glb and distortions.glb (coloured), compare.vtu (the same as point fields, and the distance of each
-partner), compare.png, report.json with mean, 95th percentile and maximum of both, coverage and one distance.";
+partner), compare.png, report.json with mean, 95th percentile and maximum of both, coverage and one distance.
+Diameters are distances to a skeleton of lattice points, which depends on how a body lies on the lattice: a protein and its
+turned copy differ by 2 Å in the mean and 10 at most. Differences below that are noise.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {

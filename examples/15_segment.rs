@@ -7,7 +7,9 @@ use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::steps::segments::{self, Cut};
 use biogeom_examples::{Failure, Session};
 use clap::{Parser, ValueEnum};
+use geom_core::TriMesh;
 use geom_core::io::{self, mesh::AnyMesh};
+use geom_core::mesh::Halfedges;
 use secondfund_ops::{
     Groups, Operator, PartOptions, SegmentOptions, SpectrumOptions, Surface, Weight,
 };
@@ -51,6 +53,9 @@ struct Args {
 
 /// As many as each operator of the parts has.
 const MODES_OF_PARTS: u16 = 15;
+
+/// What is said of a closed surface of negative volume.
+const INSIDE_OUT: &str = "the surface is inside out; it has been turned";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -182,6 +187,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
                 "is for triangles, and the input has quads",
             )?;
             let surface = session.stage("limit surface", || Surface::new(mesh))?;
+            if surface.flipped() {
+                session.warn(INSIDE_OUT)?;
+            }
             session.note(
                 "surface",
                 json!({ "element": "catmull-clark", "refined": surface.refined() }),
@@ -201,8 +209,21 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
                 )
                 .into());
             }
+            let mesh = outward(session, mesh)?;
             segments::of_triangles(session, mesh, &read.face_of, &asked)?
         }
     };
     segments::finish(session, &done, args.modes.into())
+}
+
+/// The surface with its faces outward if it is closed: else what is concave would count as convex.
+fn outward(session: &Session, mesh: TriMesh) -> Result<TriMesh, Failure> {
+    let closed = |edges: Halfedges<3>| edges.boundary_loops().is_empty();
+    if mesh.volume() >= 0.0 || !Halfedges::of(&mesh).is_ok_and(closed) {
+        return Ok(mesh);
+    }
+    session.warn(INSIDE_OUT)?;
+    let (positions, triangles) = mesh.into_parts();
+    let turned = triangles.into_iter().map(|[a, b, c]| [a, c, b]);
+    Ok(TriMesh::new(positions, turned.collect())?)
 }

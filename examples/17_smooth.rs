@@ -13,6 +13,7 @@ use secondfund_ops::flow::{FlowReport, filter_normals, filter_quad_normals};
 use secondfund_ops::options::FlowOperator;
 use secondfund_ops::{FilterOptions, FlowOptions, NormalFilter, smooth, smooth_quads};
 use serde::Serialize;
+use serde_json::json;
 
 /// A smoother surface: by the flow of an operator, or by filtered normals
 #[derive(Parser, Serialize)]
@@ -249,7 +250,13 @@ fn quads(
         ("smooth.obj", &fields),
         ("smooth.ply", &plain),
     ];
-    write(args, session, [&before, &after], &done.report, &files)
+    write(args, session, [&before, &after], &done.report, &files)?;
+    // The surface of the report is that of the mesh as it stands.
+    let of = match args.filter() {
+        Some(_) => "mesh",
+        None => "limit surface",
+    };
+    session.note("flow", json!({ "volume_of": of }))
 }
 
 fn write(

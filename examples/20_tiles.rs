@@ -19,7 +19,7 @@ use serde::Serialize;
 use serde_json::json;
 
 /// From atoms to tetrahedra in tiles, for assemblies of which neither the atoms nor the mesh fit into memory; the mesh
-/// is the same, to the last bit, for any number of tiles
+/// is the same, to the last bit, for any number of tiles, unless it is improved
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
@@ -43,7 +43,7 @@ struct Args {
     #[arg(long, value_enum, default_value_t)]
     method: Method,
     /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell (16 cells) apart, and then
-    /// around what is still bad
+    /// around what is still bad; what comes out depends on where the borders are
     #[arg(long)]
     improve: bool,
     /// Mesh the exterior too, to the end of the lattice
@@ -78,7 +78,7 @@ Assemblies are not copied: the atoms of a tile are made when it asks for them. V
 lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (regions and boundaries by name, the nearest atom of
 each vertex, global numbers, two layers of ghosts), the same as parts/volume_N.msh for Gmsh, from 1 on, of up to 32,767 tiles;
 in one process volume.vtu, volume.msh, volume.png and surface.ply/.glb/.png, too, where the whole fits into --max-memory;
-report.json with the digest of the mesh and what each rank has held, sent and put aside.";
+report.json with the digest of the mesh (before --improve) and what each rank has held, sent and put aside.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {

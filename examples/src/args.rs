@@ -687,9 +687,13 @@ pub fn zone(text: &str) -> Result<Zone, String> {
     let [center, radius, tolerance] = parts[..] else {
         return Err(bad());
     };
+    let radius: f64 = radius.parse().map_err(|_| bad())?;
+    if radius.is_nan() || radius <= 0.0 {
+        return Err(format!("the radius of {text:?} must be positive"));
+    }
     Ok(Zone {
         center: point(center).ok_or_else(bad)?,
-        radius: radius.parse().map_err(|_| bad())?,
+        radius,
         tolerance: tolerance.parse().map_err(|_| bad())?,
     })
 }

@@ -128,12 +128,20 @@ pub fn heed_signals(stop: &Arc<AtomicBool>, number: &Arc<AtomicUsize>) -> Result
 /// A message in the words of the program: the libraries name fields of their options, `option goals.joe_liu is 3`.
 pub(crate) fn with_flags(text: &str, command: &Command) -> String {
     let named = |rest: &str| -> Option<(String, usize)> {
-        let (field, _) = rest.split_once(" is ")?;
+        let (field, value) = rest.split_once(" is ")?;
         let flag = field.rsplit('.').next()?.replace('_', "-");
+        let flag = match flag.as_str() {
+            "resolution" if value.contains("tetrahedra") => "tets",
+            "resolution" => "cell",
+            "features" => "keep-edges",
+            "level" => "isovalue",
+            "size" => "side",
+            flag => flag,
+        };
         let mut flags = command.get_arguments().filter_map(Arg::get_long);
         flags
             .any(|long| long == flag)
-            .then_some((flag, field.len()))
+            .then(|| (flag.to_owned(), field.len()))
     };
     const BEFORE: &str = "option ";
     match text.split_once(BEFORE) {

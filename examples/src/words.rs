@@ -41,7 +41,8 @@ fn atoms(notes: &Map<String, Value>) -> Option<String> {
     .iter()
     .filter_map(|(key, what)| Some(format!("{} {what}", counted(&read[*key])?)))
     .collect();
-    let mut line = format!("{} atoms", counted(&read["atoms"])?);
+    let atoms = if read["atoms"] == 1 { "atom" } else { "atoms" };
+    let mut line = format!("{} {atoms}", counted(&read["atoms"])?);
     if !left_out.is_empty() {
         line += &format!("; left out: {}", left_out.join(", "));
     }
@@ -129,10 +130,21 @@ fn warnings(notes: &Map<String, Value>) -> Vec<String> {
     let said = [read, matched, advice].into_iter();
     let said = said.flat_map(|of| of["warnings"].as_array().into_iter().flatten());
     let said = said.filter_map(|w| Some(w.as_str()?.to_owned()));
+    let missed = notes.get("quality").and_then(missed);
     let surface = notes.get("surface").unwrap_or(&Value::Null);
     let crossings = counted(&surface["crossing_pairs"])
         .map(|n| format!("{n} pairs of triangles of the surface cross"));
-    counts.chain(said).chain(crossings).collect()
+    counts.chain(said).chain(missed).chain(crossings).collect()
+}
+
+/// How many tetrahedra an improvement has left short of its goals.
+fn missed(quality: &Value) -> Option<String> {
+    let counts = quality["unmet"]["counts"].as_array()?;
+    let sum: u64 = counts.iter().filter_map(|cause| cause[1].as_u64()).sum();
+    (sum > 0).then(|| {
+        let sum = grouped(sum as usize);
+        format!("{sum} tetrahedra do not meet the goals (quality.unmet in report.json says why)")
+    })
 }
 
 /// A number of things, unless there are none.

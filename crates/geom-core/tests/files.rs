@@ -237,6 +237,94 @@ fn solvers_find_regions_and_boundaries_by_name() {
     }
 }
 
+/// A slab from the molecule to the outer boundary parts the exterior from neither: the names are those that both have with the
+/// molecule meshed.
+#[test]
+fn a_slab_leaves_the_outer_boundary_its_name() {
+    let (positions, tets, _, kinds) = shapes::shell(1.0, 3.0, 4).into_parts();
+    let slab = |t: &[u32; 4]| {
+        let z: f64 = t.iter().map(|&v| positions[v as usize].z).sum();
+        if (z / 4.0).abs() < 0.6 { 2 } else { EXTERIOR }
+    };
+    let regions = tets.iter().map(slab).collect();
+    let mesh = TetMesh::with_kinds(positions, tets, regions, kinds).unwrap();
+    let view = View::from(&mesh);
+    let faces = view.blocks[1]
+        .iter()
+        .zip(&view.group_of[view.blocks[0].len()..]);
+    let mut seen = BTreeSet::new();
+    for (corners, &group) in faces {
+        let group = &view.groups[group as usize];
+        seen.insert((group.name.as_str(), group.tag.unwrap()));
+        let radii = corners
+            .iter()
+            .map(|&v| view.points[v as usize].coords.norm());
+        let (low, high) = radii.fold((9.0f64, 0.0f64), |(l, h), r| (l.min(r), h.max(r)));
+        match group.name.as_str() {
+            "outer" => assert!(low > 2.9),
+            "molecule|exterior" | "region_2|molecule" => assert!(high < 1.1),
+            _ => {}
+        }
+    }
+    let names = [
+        ("molecule|exterior", 512),
+        ("outer", 263),
+        ("region_2|exterior", 768),
+        ("region_2|molecule", 769),
+    ];
+    assert_eq!(seen, names.into());
+}
+
+/// A mesh of other programs: its volumes have names and numbers, or numbers in a field that its patches have, too.
+#[test]
+fn numbers_of_volumes_and_patches_are_kept() {
+    let mesh = shapes::ball(2.0, 2);
+    let mut view = View::from(&mesh);
+    view.cell_fields.clear();
+    let (tets, faces) = (view.blocks[0].len(), view.blocks[1].len());
+    let names = |view: &View<'_>| -> Vec<(String, Option<i32>)> {
+        let groups = view.groups.iter().map(|g| (g.name.clone(), g.tag));
+        groups.collect()
+    };
+    view.groups[0].name = "steel".to_owned();
+    view.groups[0].tag = Some(7);
+    let read = |view: &View<'_>| {
+        let mut file = Vec::new();
+        vtu::write(&mut file, view).unwrap();
+        let read: MeshFile = vtu::parse(&file).unwrap().try_into().unwrap();
+        let AnyMesh::Tet(mesh) = read.mesh.clone() else {
+            panic!("tetrahedra are read as tetrahedra");
+        };
+        (read, mesh)
+    };
+    let (named, steel) = read(&view);
+    assert_eq!(names(&view)[0], ("steel".to_owned(), Some(7)));
+    assert!(steel.regions().iter().all(|&r| r == 7));
+    assert_eq!(named.groups, view.groups);
+
+    (view.groups, view.group_of) = (Vec::new(), Vec::new().into());
+    let physical = |cell: usize| match cell.checked_sub(tets) {
+        None => 7,
+        Some(face) => [9, 11, 0][3 * face / faces],
+    };
+    let numbers: Vec<i32> = (0..tets + faces).map(physical).collect();
+    let numbered = view.cell_field("gmsh:physical", numbers).unwrap();
+    let (numbered, steel) = read(&numbered);
+    assert!(steel.regions().iter().all(|&r| r == 7));
+    let tags: Vec<_> = numbered
+        .groups
+        .iter()
+        .map(|g| (g.dimension, g.tag))
+        .collect();
+    assert_eq!(tags, [(2, Some(9)), (2, Some(11))]);
+    assert_eq!(numbered.groups[0].name, "physical 9");
+    assert_eq!(numbered.faces.len(), faces);
+    for (face, (_, group)) in numbered.faces.iter().enumerate() {
+        let wanted = [0, 1, NO_GROUP][3 * face / faces];
+        assert_eq!(*group, wanted);
+    }
+}
+
 #[test]
 fn a_bad_stl_triangle_is_named() {
     let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";

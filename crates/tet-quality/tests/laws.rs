@@ -763,6 +763,42 @@ fn a_plane_beside_the_isosurface_stays_plane() {
     assert!(met > 100, "{met}");
 }
 
+/// Of an exterior alone both of its boundaries part it from the outside, and the field knows of one.
+#[test]
+fn an_outer_sphere_is_no_isosurface() {
+    let mesh = geom_core::mesh::shapes::shell(1.0, 3.0, 4);
+    let field = Ball {
+        center: Point3::origin(),
+        radius: 1.0,
+    };
+    // Off the field enough to be moved, so that it is the field that is followed.
+    let mesh = moved(
+        mesh,
+        |_, _, p| if p.coords.norm() < 1.01 { p * 1.05 } else { p },
+    );
+    let options = Options {
+        level: 1.0,
+        ..Options::default()
+    };
+    let better = improved(mesh, Some(&field), &options).mesh;
+    let radii = better.interfaces();
+    let radii = radii.iter().flat_map(|face| face.triangle);
+    let (mut inner, mut outer) = (0, 0);
+    for r in radii.map(|v| better.positions()[v as usize].coords.norm()) {
+        match r < 2.0 {
+            true => {
+                inner += 1;
+                assert!((r - 1.0).abs() < 0.02, "{r}");
+            }
+            false => {
+                outer += 1;
+                assert!((r - 3.0).abs() < 1e-9, "{r}");
+            }
+        }
+    }
+    assert!(inner > 300 && outer > 300, "{inner} {outer}");
+}
+
 #[test]
 fn a_field_that_is_not_finite_is_named() {
     struct Hole;

@@ -7,6 +7,7 @@ use gauss_density::{Cutoff, Levels, Model, PointSampler, sample};
 use geom_core::algebra::graph::Neighbours;
 use geom_core::compute::parallel;
 use geom_core::io::{self, structure};
+use geom_core::mesh::Halfedges;
 use geom_core::search::nearest::PointTree;
 use geom_core::structure::Element;
 use geom_core::{Aabb, ImplicitField, Point3, ScalarGrid, Structure, TriMesh};
@@ -71,6 +72,8 @@ pub struct ShapeArgs {
 
 /// Shapes whose volumes differ by more than this share were not made alike, or are not alike.
 const UNLIKE: f64 = 0.12;
+/// Parts that are left out are worth a word from one point in so many on.
+const SPECKS: usize = 100;
 /// A shape of which more than this share is boundary has little inside.
 const POROUS: f64 = 0.5;
 /// Boundary points farther from their partners than this have none, Å.
@@ -303,6 +306,14 @@ impl ShapeArgs {
             }
         };
         let shape = &body.shape;
+        let left_out: usize = shape.report().left_out.iter().sum();
+        if left_out > shape.nodes() / SPECKS {
+            let (parts, path) = (shape.report().left_out.len(), path.display());
+            session.warn(format!(
+                "{path}: {parts} smaller parts are left out, {left_out} points beside {}; --all-components keeps them",
+                shape.nodes()
+            ))?;
+        }
         session.note(
             name,
             json!({
@@ -469,6 +480,14 @@ fn of_mesh(
     let h = *spacing.get_or_insert(extent / ALONG);
     let on = session.on(session.device.corresp());
     let shape = session.stage("shape", || VoxelShape::of_mesh(&surface, h, options, on))?;
+    // Larger ones are refused: a row of lattice points crosses the surface an odd number of times.
+    let holes = Halfedges::of(&surface).map_or(0, |edges| edges.boundary_loops().len());
+    if holes > 0 {
+        let path = path.display();
+        session.warn(format!(
+            "{path} has {holes} holes, which no row of lattice points has met: they count as closed"
+        ))?;
+    }
     Ok(Body {
         shape,
         surface,

@@ -98,6 +98,9 @@ pub enum MethodName {
     Triangles,
 }
 
+/// More quads than this times those asked for are warned of.
+const OVERSHOT: f64 = 1.1;
+
 /// What a structure consists of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
@@ -154,7 +157,13 @@ pub fn wanted(text: &str) -> Result<Wanted, String> {
             Some((name.to_owned(), level))
         };
         let all: Option<Vec<_>> = list.split(',').map(one).collect();
-        all.ok_or_else(|| format!("`{list}` is no list of NAME=LEVEL with levels from 0 to 6"))
+        let all = all
+            .ok_or_else(|| format!("`{list}` is no list of NAME=LEVEL with levels from 0 to 6"))?;
+        let again = |&i: &usize| all[..i].iter().any(|earlier| earlier.0 == all[i].0);
+        match (0..all.len()).find(again) {
+            Some(i) => Err(format!("{} is in `{list}` more than once", all[i].0)),
+            None => Ok(all),
+        }
     };
     let near = text.split_once(':').and_then(|(name, list)| {
         let parts = Parts::ALL.into_iter().find(|p| p.1 == name)?;
@@ -266,6 +275,11 @@ impl TMeshArgs {
     /// The file that is read.
     pub fn input(&self) -> PathBuf {
         self.source.input.clone()
+    }
+
+    /// Are there to be elements of several levels?
+    pub fn has_levels(&self) -> bool {
+        self.elements.levels.is_some()
     }
 
     /// Reads the input and makes a T-mesh of it; notes counts and quality.
@@ -410,6 +424,13 @@ impl ElementArgs {
         let made = session.stage("quads", || quadrangulate(&input.surface, &options, on))?;
         session.note("rung", made.report.rung())?;
         crosses::warn(session, &made.report)?;
+        let quads = made.mesh.quads().len();
+        if self.quads.is_some() && quads as f64 > OVERSHOT * count as f64 {
+            let squares = 1 << (2 * nested);
+            session.warn(format!(
+                "{quads} fine quads where {count} were asked for: the surface takes no fewer squares of {squares}"
+            ))?;
+        }
         Ok(made.mesh)
     }
 

@@ -60,7 +60,7 @@ pub fn fit(
             return Ok(adapt(mesh, basis, target, allowed, options, on)?);
         }
         match adapt(mesh.clone(), basis, target, allowed, options, on) {
-            Err(because @ Error::NotSuitable { .. }) => {
+            Err(because @ (Error::NotSuitable { .. } | Error::Open { .. })) => {
                 let warning = format!("the basis is hierarchical: {because}");
                 session.warn(warning)?;
                 Ok(adapt(

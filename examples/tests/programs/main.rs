@@ -986,6 +986,19 @@ fn suitable_t_splines_are_taken_where_they_cost_little() {
     let said = stepped["advice"]["warnings"][0].as_str().unwrap();
     assert!(said.contains("extensions of T-junctions meet"), "{said}");
     assert!(stepped["counts"]["t_junctions"].as_u64().unwrap() > 0);
+    // Nor have open surfaces such a basis.
+    let path = folder.path().join("tube.ply");
+    let (positions, mut triangles) = shapes::cylinder(2.0, 6.0, 24, 12).into_parts();
+    let height = |v: u32| positions[v as usize].z;
+    triangles.retain(|&[a, b, c]| height(a) != height(b) || height(b) != height(c));
+    let tube = TriMesh::new(positions, triangles).unwrap();
+    let (tube, _) = tube.without_unused();
+    io::mesh::save(&path, &io::view::View::from(&tube)).unwrap();
+    let args = [path.to_str().unwrap(), "--basis=suitable", "--files=json"];
+    let open = undrawn_report_of("11_tspline", &args, &folder.path().join("open"));
+    assert_eq!(open["basis"], "Hierarchical");
+    let said = open["advice"]["warnings"][0].as_str().unwrap();
+    assert!(said.contains("needs a closed surface"), "{said}");
 }
 
 #[test]
@@ -1034,6 +1047,22 @@ fn a_surface_falls_into_segments() {
     assert!(out.join("segments.glb").exists());
     assert_png(out.join("segments.png"));
     assert_png(out.join("modes.png"));
+
+    // Inside out it has the same parts, which the last lines say.
+    let spot = io::mesh::read(fixture("spot.ply")).unwrap().mesh;
+    let (positions, triangles) = spot.into_triangles().into_parts();
+    let turned = triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
+    let turned = TriMesh::new(positions, turned).unwrap();
+    let path = folder.path().join("turned.ply");
+    io::mesh::save(&path, &io::view::View::from(&turned)).unwrap();
+    let out = folder.path().join("turned");
+    let args = [path.to_str().unwrap(), "--groups", "6"];
+    let report = undrawn_report_of("15_segment", &args, &out);
+    let said = report["advice"]["warnings"][0].as_str().unwrap();
+    assert!(said.contains("inside out"), "{said}");
+    let again = std::fs::read_to_string(out.join("segments.seg")).unwrap();
+    let again: Vec<usize> = again.lines().map(|l| l.parse().unwrap()).collect();
+    assert_eq!(again, labels);
 
     // Quads, as the control mesh of a limit surface; every input face has its label.
     let path = folder.path().join("box.obj");
@@ -1903,6 +1932,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
             ],
             "outer",
         ),
+        ("03_tets", &[&good, "--cell", "0"], "option --cell is 0"),
         ("04_improve", &[&no_mesh], "a.ply"),
         ("06_modes", &[&no_mesh], "a.ply"),
         (
@@ -1928,13 +1958,15 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         );
     }
     // Wrong options never start.
-    for args in [
-        &["--region", "inside"][..],
-        &["--threads", "0"],
-        &["--max-memory", "much"],
+    for (name, args) in [
+        ("00_pipeline", &["--region", "inside"][..]),
+        ("00_pipeline", &["--threads", "0"]),
+        ("00_pipeline", &["--max-memory", "much"]),
+        ("03_tets", &["--zone", "0,0,0:0:0.1"]),
+        ("10_tmesh", &["--levels", "chain:A=1,A=2"]),
     ] {
         let output = run(
-            "00_pipeline",
+            name,
             &[&[good.as_str()], args].concat(),
             &folder.path().join("out"),
         );

@@ -199,6 +199,11 @@ impl Weighted<'_> {
         (self.free, self.single[1]) = (OnceLock::new(), OnceLock::new());
     }
 
+    /// The same of the factor in which the integers are held, until it is asked for again.
+    pub(crate) fn forget_held(&mut self) {
+        (self.held, self.single[0]) = (OnceLock::new(), OnceLock::new());
+    }
+
     /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
     fn held(&self) -> Result<&Cholesky, Error> {
         kept(&self.held, || {

@@ -388,11 +388,11 @@ impl<'a> View<'a> {
     /// `region_2` …, unless `names` says otherwise. Faces are named
     ///
     /// * `molecule|exterior`: between these regions, the higher number first; also the molecule's
-    ///   surface if only one of the two is meshed;
+    ///   surface if only one of the two is meshed. Likewise `region_2|molecule` without the molecule;
     /// * `box_xmin`, `box_xmax`, `box_ymin`, …: in the sides of the bounding box, as told by their
-    ///   vertices' [`VertexKind`];
-    /// * `outer`: the outer boundary of the exterior, if it is no box;
-    /// * `region_2|outside`: any other boundary.
+    ///   vertices' [`VertexKind`], whatever region lies there;
+    /// * `outer`: the outer boundary, if it is no box, of the exterior and of materials that reach it;
+    /// * `region_2|outside`: any other boundary, such as that of a mesh without an exterior.
     ///
     /// Their tags do not depend on which of them there are: a region's is its number, 256 for the exterior, whose
     /// number 0 stands for "none" in MSH; the sides of the box have 257 … 262 in the order above, `outer` has 263, and
@@ -460,9 +460,14 @@ impl<'a> View<'a> {
                 };
                 let (name, tag) = match (side, face.inside, face.outside) {
                     (Some((side, number)), ..) => (format!("box_{side}"), 256 + number),
-                    (None, EXTERIOR, OUTSIDE) if outer => ("outer".to_owned(), 263),
-                    (None, EXTERIOR, OUTSIDE) => parted(INTERIOR, EXTERIOR),
                     (None, INTERIOR, OUTSIDE) if !exterior => parted(INTERIOR, EXTERIOR),
+                    (None, EXTERIOR, OUTSIDE) if !outer => parted(INTERIOR, EXTERIOR),
+                    (None, material, OUTSIDE) if exterior && !molecule && !outer => {
+                        parted(material, INTERIOR)
+                    }
+                    (None, inside, OUTSIDE) if exterior && inside != INTERIOR => {
+                        ("outer".to_owned(), 263)
+                    }
                     (None, inside, outside) => parted(inside, outside),
                 };
                 // Two kinds may share a name.
@@ -901,12 +906,12 @@ fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<(&'static
     None
 }
 
-/// Which boundary faces of the exterior belong to its outer boundary rather than to the molecule's
-/// surface. With the molecule meshed, all do; without it, those that connect to the bounding box, or
-/// none if the box itself is the outer boundary.
+/// Which boundary faces belong to the outer boundary rather than to the molecule's surface. With the molecule
+/// meshed, all do; without it, those that connect to the bounding box along the boundary, or none if the box itself is
+/// the outer boundary.
 ///
-/// Of an exterior alone, its boundary has two parts, that around the molecule and the outer one, and what tells them
-/// apart is that the outer one reaches the bounding box.
+/// Without the molecule the boundary has two parts, that around the molecule and the outer one, and what tells them
+/// apart is that the outer one reaches the bounding box. Materials join the two only by faces within the mesh.
 fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Vec<bool> {
     if molecule_meshed {
         return vec![true; faces.len()];
@@ -916,13 +921,14 @@ fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Ve
         return vec![false; faces.len()];
     }
     let mut pieces = DisjointSets::new(mesh.positions().len());
-    for face in faces {
+    let boundary = || faces.iter().filter(|face| face.outside == OUTSIDE);
+    for face in boundary() {
         let [a, b, c] = face.triangle;
         pieces.join(a, b);
         pieces.join(a, c);
     }
     let mut touches = vec![false; mesh.positions().len()];
-    for v in faces.iter().flat_map(|face| face.triangle) {
+    for v in boundary().flat_map(|face| face.triangle) {
         let p = mesh.positions()[v as usize];
         if (0..3).any(|k| p[k] == bounds.min[k] || p[k] == bounds.max[k]) {
             touches[pieces.find(v) as usize] = true;

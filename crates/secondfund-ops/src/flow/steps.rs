@@ -51,7 +51,8 @@ pub struct FlowReport {
     pub rms_displacement: f64,
     /// The largest of them, Å.
     pub max_displacement: f64,
-    /// Volume enclosed before and after, Å³; of an open surface it means nothing.
+    /// Volume enclosed before and after, Å³; of an open surface it means nothing. Of quads that flow it is the limit
+    /// surface's.
     pub volume: [f64; 2],
     /// How often a vertex was held back because a face would have turned over, or come through another.
     pub held_back: usize,

@@ -17,6 +17,9 @@ use crate::error::Error;
 use crate::mesh::editable::{EditableMesh, Freedom};
 use crate::mesh::incidence::NONE;
 
+/// Vertices of a bubble of the lattice's size, at most.
+const BUBBLE: usize = 100;
+
 /// Sine between the normals of triangles that still count as one plane.
 const PLANE: f64 = 1e-9;
 
@@ -152,7 +155,7 @@ impl Sides {
 /// At pinches and where the mesh is too coarse for the isosurface, some of its vertices lie far from
 /// it. They belong to it where what is around them along the interface does; where nothing else is
 /// around them, as in a bubble of the lattice's size, where the interface of the same two regions
-/// does everywhere else.
+/// does everywhere else. An outer sphere around an exterior without its molecule is no bubble.
 fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces, sides: &Sides) {
     let lost: Vec<bool> = parallel::map(mesh.x.len(), |v| {
         let v = v as u32;
@@ -164,7 +167,8 @@ fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces, sides: &Sides) {
     let mut joined = Vec::new();
     for cluster in clusters(mesh, faces, &lost) {
         let belongs = if cluster.on + cluster.off == 0 {
-            most_are_on_field(mesh, faces, &lost, faces.of(cluster.vertices[0])[0].pair)
+            cluster.vertices.len() <= BUBBLE
+                && most_are_on_field(mesh, faces, &lost, faces.of(cluster.vertices[0])[0].pair)
         } else {
             cluster.on > cluster.off
         };

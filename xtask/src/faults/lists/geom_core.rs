@@ -183,10 +183,22 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("tiles::the_file_that_joins_parts_has_their_fields_and_names"),
     Fault::wrong(
+        "a slab joins the molecule's wall to the outer boundary",
+        "crates/geom-core/src/io/view.rs",
+        "faces.iter().filter(|face| face.outside == OUTSIDE);",
+        "faces.iter().filter(|face| face.outside <= OUTSIDE);",
+    ),
+    Fault::wrong(
+        "named volumes lose their numbers",
+        "crates/geom-core/src/io/mesh/mod.rs",
+        "let is_free = (INTERIOR..OUTSIDE).contains(&tag) && !taken.contains(&tag);",
+        "let is_free = (INTERIOR..OUTSIDE).contains(&tag) && taken.contains(&tag);",
+    ),
+    Fault::wrong(
         "a front does not take over what subtrees of other tasks left",
         "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
-        "below[of].left.iter().find(|w| w.0 == child)",
-        "below[of].left.iter().find(|w| w.0 > child)",
+        "works[forest.task_of[above]].waiting.push(triangle);",
+        "works[forest.task_of[above]].waiting.clear();",
     )
     .seen_by("solver::many_tasks_with_the_same_bits"),
     Fault::wrong(

@@ -4,6 +4,12 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "an outer sphere is taken for a bubble",
+        "crates/tet-quality/src/boundary/input.rs",
+        "const BUBBLE: usize = 100;",
+        "const BUBBLE: usize = 100_000;",
+    ),
+    Fault::wrong(
         "the wings of a contracted edge may close a triangle",
         "crates/tet-quality/src/mesh/link.rs",
         ".all(|l| l.surface.binary_search(&[w, z]).is_err())",

@@ -255,6 +255,8 @@ pub(super) fn strongest(mut others: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
             b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0))
         });
         others.truncate(MOST);
+        // Lists of all integers, one for each of them, would be as large as two dense matrices.
+        others.shrink_to_fit();
         others.sort_unstable_by_key(|other| other.0);
     }
     others

@@ -70,6 +70,8 @@ impl<'a> Making<'a> {
         if self.faults(&self.system.corners(&direct.w)).is_empty() {
             return Ok(Some(direct));
         }
+        // The largest thing in memory, and quickly made again for the integers that are found.
+        weighted.forget_held();
         // Whether integers can hold the map upright is said by the few triangles between singular vertices.
         let decimated = self
             .decimated(corners)
@@ -107,6 +109,7 @@ impl<'a> Making<'a> {
             mut spread,
             is_narrow,
         } = self.widened(&coarse, upright, &z, &*energy, corners, narrow)?;
+        drop((coarse, energy));
         self.report.respaced |= wider != z;
         if let Some(spread) = &mut spread {
             spread.map.report = self.report;

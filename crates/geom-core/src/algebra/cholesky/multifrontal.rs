@@ -4,7 +4,8 @@
 //! The columns of a supernode and what they subtract from the rows below them are a *front*: a dense trapezoid over a
 //! dense triangle. The triangle is added to the front above, and so on up to the root. All arithmetic is that of dense
 //! products in registers. Tasks are those of the substitution, and each adds what its children left in their order, so
-//! that the bits do not depend on the number of threads.
+//! that the bits do not depend on the number of threads. Triangles wait for the front above packed, and no longer than
+//! that: besides the factor there are no more of them than lie side by side in the tree, and a square per thread.
 
 use std::ops::Range;
 
@@ -45,12 +46,17 @@ struct Front {
     targets: Vec<(u32, u32)>,
 }
 
+/// What a supernode subtracts from the front above it: its number, and the columns of a lower triangle from the diagonal on.
+type Triangle = (u32, Vec<f64>);
+
 /// A task while it is worked on.
 struct Work<'a> {
     /// The values of its supernodes.
     blocks: Vec<&'a mut [f64]>,
-    /// Triangles for the task above, by their supernode.
-    left: Vec<(u32, Vec<f64>)>,
+    /// Triangles that tasks below have left for this one.
+    waiting: Vec<Triangle>,
+    /// Those for tasks above.
+    left: Vec<Triangle>,
     failure: Option<Failure>,
 }
 
@@ -161,6 +167,7 @@ impl Fronts {
         let mut works: Vec<Work<'_>> = (0..forest.tasks.len())
             .map(|_| Work {
                 blocks: Vec::new(),
+                waiting: Vec::new(),
                 left: Vec::new(),
                 failure: None,
             })
@@ -172,16 +179,20 @@ impl Fronts {
             rest = more;
         }
         for level in &forest.levels {
-            let (below, own) = works.split_at_mut(level.start);
-            let own = &mut own[..level.len()];
+            let own = &mut works[level.clone()];
             parallel::for_chunks(own, 1, |i, work| {
                 let task = level.start + i;
-                work[0].failure = self.run(forest, task, upper, &mut work[0], below).err();
+                work[0].failure = self.run(forest, task, upper, &mut work[0]).err();
             });
             // The first of the lowest level.
             let mut failures = own.iter_mut().filter_map(|work| work.failure.take());
             if let Some(first) = failures.next() {
                 return Err(failures.fold(first, Failure::earlier));
+            }
+            let left: Vec<Triangle> = own.iter_mut().flat_map(|w| w.left.drain(..)).collect();
+            for triangle in left {
+                let above = forest.parents[triangle.0 as usize].expect("left for a front above");
+                works[forest.task_of[above]].waiting.push(triangle);
             }
         }
         Ok(())
@@ -194,42 +205,37 @@ impl Fronts {
         task: usize,
         upper: &[f64],
         work: &mut Work<'_>,
-        below: &[Work<'_>],
     ) -> Result<(), Failure> {
-        let Work { blocks, left, .. } = work;
-        let mut waiting: Vec<(u32, Vec<f64>)> = Vec::new();
-        let mut spare: Vec<Vec<f64>> = Vec::new();
+        let Work {
+            blocks,
+            waiting,
+            left,
+            ..
+        } = work;
+        let mut square = Vec::new();
         for (&s, block) in forest.tasks[task].iter().zip(blocks) {
             let front = &self.fronts[s];
             for &(entry, at) in &front.targets {
                 block[at as usize] = upper[entry as usize];
             }
             let rows = front.height - front.width;
-            let mut update = spare.pop().unwrap_or_default();
-            update.clear();
-            let size = rows * rows;
-            update
-                .try_reserve_exact(size)
-                .map_err(|_| Failure::Memory)?;
-            update.resize(size, 0.0);
+            square.clear();
+            reserve(&mut square, rows * rows)?;
+            square.resize(rows * rows, 0.0);
             for &child in &front.children {
-                let of = forest.task_of[child as usize];
-                if of == task {
-                    if let Some(at) = waiting.iter().rposition(|w| w.0 == child) {
-                        let (_, triangle) = waiting.remove(at);
-                        self.add(child as usize, &triangle, front, block, &mut update);
-                        spare.push(triangle);
-                    }
-                } else if let Some((_, triangle)) = below[of].left.iter().find(|w| w.0 == child) {
-                    self.add(child as usize, triangle, front, block, &mut update);
+                if let Some(at) = waiting.iter().rposition(|w| w.0 == child) {
+                    let (_, triangle) = waiting.remove(at);
+                    self.add(child as usize, &triangle, front, block, &mut square);
                 }
             }
-            eliminate(block, front, &mut update)
+            eliminate(block, front, &mut square)
                 .map_err(|column| Failure::Pivot(front.first + column))?;
-            match forest.parents[s] {
-                None => spare.push(update),
-                Some(p) if forest.task_of[p] == task => waiting.push((s as u32, update)),
-                Some(_) => left.push((s as u32, update)),
+            if let Some(above) = forest.parents[s] {
+                let of = match forest.task_of[above] == task {
+                    true => &mut *waiting,
+                    false => &mut *left,
+                };
+                of.push((s as u32, lower(&square, rows)?));
             }
         }
         Ok(())
@@ -247,19 +253,37 @@ impl Fronts {
     ) {
         let places = &self.relative[self.fronts[child].relative.clone()];
         let (width, height) = (front.width, front.height);
-        for (j, column) in triangle.chunks_exact(places.len().max(1)).enumerate() {
-            let to = places[j] as usize;
+        let mut rest = triangle;
+        for (j, &to) in places.iter().enumerate() {
+            let (column, more) = rest.split_at(places.len() - j);
+            rest = more;
+            let to = to as usize;
             let (target, shift) = if to < width {
                 (&mut block[to * height..][..height], 0)
             } else {
                 let rows = height - width;
                 (&mut update[(to - width) * rows..][..rows], width)
             };
-            for (&place, &value) in places[j..].iter().zip(&column[j..]) {
+            for (&place, &value) in places[j..].iter().zip(column) {
                 target[place as usize - shift] += value;
             }
         }
     }
+}
+
+/// The lower triangle of a square, packed.
+fn lower(square: &[f64], rows: usize) -> Result<Vec<f64>, Failure> {
+    let mut packed = Vec::new();
+    reserve(&mut packed, rows * (rows + 1) / 2)?;
+    for j in 0..rows {
+        packed.extend_from_slice(&square[j * rows + j..(j + 1) * rows]);
+    }
+    Ok(packed)
+}
+
+fn reserve(values: &mut Vec<f64>, count: usize) -> Result<(), Failure> {
+    let reserved = values.try_reserve_exact(count);
+    reserved.map_err(|_| Failure::Memory)
 }
 
 impl Failure {

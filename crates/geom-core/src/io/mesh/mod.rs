@@ -203,7 +203,8 @@ impl MeshFile {
     /// The same of a view that a reader has checked.
     ///
     /// Cells of lower dimension than the mesh's are no cells of it: faces beside tetrahedra go to `faces`.
-    fn of_checked(view: View<'static>) -> Result<Self, Error> {
+    fn of_checked(mut view: View<'static>) -> Result<Self, Error> {
+        number_patches(&mut view);
         let kind = |dimension: u8| {
             view.blocks
                 .iter()
@@ -285,10 +286,54 @@ const REGION_FIELDS: [&str; 10] = [
     "domain",
 ];
 
+/// Those of them that number the faces of patches, too.
+const PATCH_FIELDS: [&str; 3] = ["gmsh:physical", "medit:ref", "cellentityids"];
+
+/// The patches of faces beside tetrahedra in a file without groups, by the numbers that another program gave to volumes and
+/// faces alike ([`PATCH_FIELDS`]): `physical 9`, as in MSH. Numbers that are no tags make none.
+fn number_patches(view: &mut View<'static>) {
+    let is_volume = view.blocks.iter().any(|b| b.dimension() == 3);
+    if !is_volume || !view.groups.is_empty() {
+        return;
+    }
+    let named = PATCH_FIELDS.iter().find_map(|name| {
+        let is_it = |f: &&Field<'_>| f.name.to_lowercase() == *name && f.values.components == 1;
+        view.cell_fields.iter().find(is_it)
+    });
+    let Some(field) = named else { return };
+    let mut tag_of = Vec::new();
+    let dimensions = view.blocks.iter();
+    let dimensions = dimensions.flat_map(|b| std::iter::repeat_n(b.dimension(), b.len()));
+    for (cell, dimension) in dimensions.enumerate() {
+        let value = field.values.get(cell, 0);
+        let tag = value as i32;
+        let is_tag = f64::from(tag) == value && tag > 0;
+        tag_of.push((dimension == 2 && is_tag).then_some(tag));
+    }
+    let mut tags: Vec<i32> = tag_of.iter().flatten().copied().collect();
+    tags.sort_unstable();
+    tags.dedup();
+    view.groups = tags
+        .iter()
+        .map(|&tag| Group {
+            name: format!("physical {tag}"),
+            dimension: 2,
+            tag: Some(tag),
+        })
+        .collect();
+    let place = |tag: &Option<i32>| {
+        let place = tag.and_then(|tag| tags.binary_search(&tag).ok());
+        place.map_or(NO_GROUP, |place| place as u32)
+    };
+    if !tags.is_empty() {
+        view.group_of = tag_of.iter().map(place).collect();
+    }
+}
+
 /// The region of each tetrahedron.
 ///
-/// By the field `region` if there is one; else by groups, of which ours are known by name and others numbered from 2 on, as
-/// they come; else by another program's field ([`REGION_FIELDS`]); else all are [`INTERIOR`].
+/// By the field `region` if there is one; else by groups, of which ours are known by name, others have the number of their
+/// tag if that is free, and the rest are numbered from 2 on, as they come; else by another program's field ([`REGION_FIELDS`]); else all are [`INTERIOR`].
 fn regions(
     tets: usize,
     fields: &[Field<'_>],
@@ -312,7 +357,7 @@ fn regions(
             })
             .collect();
     }
-    if group_of.is_empty() {
+    if group_of.iter().all(|&g| g == NO_GROUP) {
         let foreign = REGION_FIELDS.iter().find_map(|name| {
             fields
                 .iter()
@@ -332,11 +377,20 @@ fn regions(
             .and_then(|n| n.parse().ok().filter(|&r| r != OUTSIDE)),
         _ => Some(INTERIOR),
     };
-    let taken: Vec<Region> = groups.iter().filter_map(ours).collect();
+    let volumes = groups.iter().filter(|g| g.dimension == 3);
+    let mut taken: Vec<Region> = volumes.filter_map(ours).collect();
+    let mut numbered = |g: &Group| {
+        let tag = g.tag.and_then(|tag| Region::try_from(tag).ok())?;
+        let is_free = (INTERIOR..OUTSIDE).contains(&tag) && !taken.contains(&tag);
+        is_free.then(|| taken.push(tag))?;
+        Some(tag)
+    };
+    let known = groups.iter().map(|g| ours(g).or_else(|| numbered(g)));
+    let known: Vec<Option<Region>> = known.collect();
     let mut free = (INTERIOR + 1..OUTSIDE).filter(|r| !taken.contains(r));
-    let named: Vec<Region> = groups
-        .iter()
-        .map(|g| ours(g).or_else(|| free.next()))
+    let named: Vec<Region> = known
+        .into_iter()
+        .map(|known| known.or_else(|| free.next()))
         .collect::<Option<_>>()
         .ok_or_else(|| {
             let volumes = groups.iter().filter(|g| g.dimension == 3).count();
