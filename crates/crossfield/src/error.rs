@@ -16,6 +16,25 @@ pub enum Error {
     /// The surface has no triangle.
     #[error("the surface has no triangle")]
     Empty,
+    /// The surface has no area, or one that is no number in double precision.
+    #[error(
+        "the surface has an area of {area} Å²; are all of its triangles flat, or its coordinates too large?"
+    )]
+    Area {
+        /// As it was summed up.
+        area: f64,
+    },
+    /// More memory would be needed than allowed.
+    #[error(
+        "the quads need about {:.1} GB, more than the {:.1} GB of max_memory; fewer quads or a larger spacing help",
+        bytes / 1e9, *limit as f64 / 1e9
+    )]
+    TooLarge {
+        /// Estimated bytes.
+        bytes: f64,
+        /// The limit.
+        limit: u64,
+    },
     /// The map folds: two singularities are too near to each other for the spacing, or the field cannot be integrated.
     #[error(
         "{triangles} triangles of the map are inverted and {cones} vertices have a wrong angle after {stage}; {}",

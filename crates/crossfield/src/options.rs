@@ -48,7 +48,7 @@ impl FieldOptions {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Size {
-    /// So many quads, within about a tenth.
+    /// So many quads, within about a tenth; more where the surface cannot be had with so few.
     Quads(usize),
     /// Sides of this length, Å; where quads are narrower along a gradient, the longer ones.
     Spacing(f64),
@@ -118,6 +118,9 @@ pub struct Options {
     /// Move the vertices on the surface until the quads' corners are right angles.
     /// Without it they are only put onto the surface.
     pub improve: bool,
+    /// Largest estimated working memory, bytes: what would need more by [`Options::bytes`] is
+    /// [`Error::TooLarge`](crate::Error::TooLarge) before anything is made. 16 GiB by default.
+    pub max_memory: u64,
 }
 
 impl Default for Options {
@@ -134,6 +137,7 @@ impl Default for Options {
             weights: field.weights,
             ladder: Ladder::Full,
             improve: true,
+            max_memory: 16 << 30,
         }
     }
 }

@@ -1156,6 +1156,30 @@ fn bad_input_is_named_or_repaired() {
         ..Options::default()
     };
     assert!(matches!(made(&dirty, &wrong), Err(Error::Option(_))));
+    // More quads than there is memory for, and coordinates whose area is no number any more, or none.
+    let torus = |size: f64| {
+        let (positions, triangles) = shapes::torus(3.0, 1.0, 40, 20).into_parts();
+        let large = positions.into_iter().map(|p| p * size);
+        TriMesh::new(large.collect(), triangles).unwrap()
+    };
+    for (spacing, bytes) in [(1e-3, 1e12), (1e-9, 1e24)] {
+        let tiny = Options {
+            size: Size::Spacing(spacing),
+            ..Options::default()
+        };
+        let error = made(&torus(1.0), &tiny).unwrap_err();
+        assert!(
+            matches!(error, Error::TooLarge { bytes: needed, limit } if needed > bytes && limit == 16 << 30),
+            "{error}"
+        );
+    }
+    for size in [1e170, 1e-170] {
+        let error = made(&torus(size), &options).unwrap_err();
+        assert!(
+            matches!(error, Error::Area { .. } | Error::Empty),
+            "{error}"
+        );
+    }
 }
 
 #[test]

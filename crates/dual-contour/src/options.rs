@@ -48,7 +48,7 @@ use geom_core::{Aabb, Point3, Vector3};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Options {
     /// Isovalue c of `G(x) = c`; a point is inside if its value is at least this. Densities of this workspace have their surface
     /// at 1.
@@ -73,6 +73,10 @@ pub struct Options {
     /// Largest cell, Å; infinite leaves the size away from the surface to the balance alone.
     /// Sizes are the finest cell times a power of two, so it is rounded down to one of these; below two finest cells
     /// all cells are finest, and what is meshed takes twelve tetrahedra for each of them.
+    #[cfg_attr(
+        feature = "serde",
+        serde(deserialize_with = "geom_core::options::or_infinite")
+    )]
     pub max_cell: f64,
     /// Where a dual vertex goes within its cell.
     pub placement: Placement,

@@ -10,8 +10,8 @@ use dual_contour::geom_core::{
     Aabb, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, ScalarGrid, TetMesh, Vector3,
 };
 use dual_contour::{
-    AtBox, Error, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,
-    surface, volume,
+    AtBox, Error, Extent, FieldSamples, Material, Method, Options, Outer, Placement, Resolution,
+    Shape, Zone, surface, volume,
 };
 use proptest::prelude::*;
 
@@ -514,6 +514,13 @@ fn bad_input_is_named() {
         counts: [1, 1, 9],
     };
     let flat = ScalarGrid::new(flat, vec![0.0; 9]).unwrap();
+    for spacing in [0.0, -1.0, f64::NAN] {
+        let field = ball(Point3::origin(), 2.0);
+        let bounds = sample(&field, 3.0, 12).lattice().bounds();
+        let lazy = FieldSamples::new(&field, &bounds, spacing);
+        let error = surface(&lazy, None, &Options::default(), run).unwrap_err();
+        assert!(error.to_string().contains("option spacing is"), "{error}");
+    }
     let error = surface(&flat, None, &Options::default(), run).unwrap_err();
     assert!(
         matches!(error, Error::NoCells { counts: [1, 1, 9] }),

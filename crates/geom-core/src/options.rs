@@ -41,6 +41,16 @@ impl OutOfRange {
     }
 }
 
+/// For fields that may be infinite, which JSON writes as `null`: what is null is infinite.
+///
+/// # Errors
+/// Those of the format.
+#[cfg(feature = "serde")]
+pub fn or_infinite<'de, D: serde::Deserializer<'de>>(value: D) -> Result<f64, D::Error> {
+    let value = <Option<f64> as serde::Deserialize>::deserialize(value)?;
+    Ok(value.unwrap_or(f64::INFINITY))
+}
+
 /// Is the option as it must be? The error names it, its value and the cure.
 ///
 /// ```

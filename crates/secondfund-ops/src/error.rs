@@ -107,6 +107,18 @@ pub enum Error {
         /// The other end.
         to: u32,
     },
+    /// An atom has a coordinate or a radius that makes no sense.
+    #[error(
+        "atom {atom} has {field} {value}; coordinates must lie within ±1e7 Å, radii in [0, 20] Å"
+    )]
+    BadAtom {
+        /// Index of the atom, from 0.
+        atom: usize,
+        /// Which of its numbers.
+        field: &'static str,
+        /// The number.
+        value: f64,
+    },
     /// The structure has no atoms to look for pockets between.
     #[error("the structure has no polymer atoms, so it has no pockets; are they ligands only?")]
     NoAtoms,

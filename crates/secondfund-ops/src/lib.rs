@@ -42,7 +42,7 @@ pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
 pub use operators::{BezierElement, BezierSurface, Element, Spectrum, spectrum};
 pub use options::{
-    FilterOptions, FlowOptions, Groups, Modes, NormalFilter, PartOptions, PocketOptions,
-    SegmentOptions, SpectrumOptions,
+    FilterOptions, FlowOperator, FlowOptions, Groups, Modes, NormalFilter, OutlineOptions,
+    PartOptions, PocketOptions, SegmentOptions, SpectrumOptions,
 };
 pub use segment::{Faces, Segments, segment};

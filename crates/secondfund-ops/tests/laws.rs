@@ -1448,6 +1448,38 @@ fn flows_squeeze_no_triangles() {
 
 /// A disc with fans of narrow triangles as its ends: a volume that is kept is kept there, too, and a vertex of no triangle stays
 /// and has no say.
+/// A vertex of no triangle has no part in the extent of the surface, in units of which curvature counts.
+#[test]
+fn unused_vertices_do_not_change_the_scale() {
+    let torus = shapes::torus(3.0, 1.0, 30, 15);
+    let positions = torus.positions().iter().copied();
+    let more = positions.chain([Point3::new(1e4, 0.0, 0.0)]).collect();
+    let with_unused = TriMesh::new(more, torus.triangles().to_vec()).unwrap();
+    let options = SpectrumOptions {
+        modes: 4,
+        ..SpectrumOptions::default()
+    };
+    let [plain, with_unused] = [&torus, &with_unused].map(|mesh| {
+        let normals = Normals::OfMesh { rounds: 1 };
+        spectrum(&Element::Triangles(mesh, &normals), &options, Run::on(&Cpu)).unwrap()
+    });
+    assert_eq!(plain.scale, with_unused.scale);
+    let varied = |values: &[f64]| -> Vec<f64> {
+        values
+            .iter()
+            .copied()
+            .filter(|v| *v > 1e-6)
+            .take(3)
+            .collect()
+    };
+    let pairs = varied(&plain.values)
+        .into_iter()
+        .zip(varied(&with_unused.values));
+    for (a, b) in pairs {
+        assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+    }
+}
+
 #[test]
 fn narrow_corners_do_not_cost_volume_nor_unused_vertices_a_say() {
     let disc = shapes::cylinder(1.0, 0.3, 96, 4);

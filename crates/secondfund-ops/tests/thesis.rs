@@ -438,6 +438,23 @@ fn a_ball_has_no_pocket_and_nothing_is_an_error() {
     );
     let nothing = find(&Structure::default(), &PocketOptions::default());
     assert_eq!(nothing, Err(Error::NoAtoms));
+    let ball = ball_of_atoms(6.0);
+    let bad = |change: &dyn Fn(&mut geom_core::structure::Atom)| {
+        let mut bad = ball.clone();
+        change(&mut bad.atoms_mut()[3]);
+        find(&bad, &PocketOptions::default())
+    };
+    for (found, wrong) in [
+        (bad(&|a| a.position.y = f64::NAN), "y"),
+        (bad(&|a| a.position.z = -1e8), "z"),
+        (bad(&|a| a.radius = f64::INFINITY), "radius"),
+        (bad(&|a| a.radius = -1.0), "radius"),
+    ] {
+        assert!(
+            matches!(found, Err(Error::BadAtom { atom: 3, field, .. }) if field == wrong),
+            "{found:?}"
+        );
+    }
     let wrong = PocketOptions {
         radius: 0.0,
         ..PocketOptions::default()

@@ -39,7 +39,7 @@ pub use correspond::{Correspondence, JointModes, Verdict, correspond};
 pub use error::Error;
 pub use morph::{Frame, Morph};
 pub use options::{
-    CompareOptions, Directions, MatchOptions, MorphOptions, Refine, ShapeOptions, Start,
+    CompareOptions, Components, Directions, MatchOptions, MorphOptions, Refine, ShapeOptions, Start,
 };
 pub use shape::{Map, VoxelShape};
 pub use truth::{Truth, TruthReport};

@@ -417,6 +417,7 @@ impl ElementArgs {
             nested,
             guidance: self.guide.guidance(self.mode),
             crease: self.crease,
+            max_memory: session.memory(),
             ..Options::default()
         };
         options.check()?;

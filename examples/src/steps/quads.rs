@@ -69,6 +69,10 @@ pub fn make(
     options: &Options,
 ) -> Result<Quadrangulation, Failure> {
     affordable(options, mesh, session)?;
+    let options = &Options {
+        max_memory: session.memory(),
+        ..options.clone()
+    };
     let on = session.on(session.device.crossfield());
     let made = session.stage("quads", || quadrangulate(mesh, options, on))?;
     note(session, mesh, &made)?;

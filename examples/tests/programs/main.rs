@@ -1932,7 +1932,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
             ],
             "outer",
         ),
-        ("03_tets", &[&good, "--cell", "0"], "option --cell is 0"),
+        ("03_tets", &[&good, "--cell", "0"], "error: --cell is 0"),
         ("04_improve", &[&no_mesh], "a.ply"),
         ("06_modes", &[&no_mesh], "a.ply"),
         (

@@ -16,6 +16,25 @@ use dual_contour::{Outer, Shape};
 use geom_core::{Aabb, Point3};
 use serde_json::{Map, json};
 
+/// JSON has no infinity: what is `null` is infinite again.
+#[test]
+fn options_survive_json() {
+    let options = dual_contour::Options::default();
+    let text = serde_json::to_string(&options).unwrap();
+    let again: dual_contour::Options = serde_json::from_str(&text).unwrap();
+    assert_eq!(again, options);
+    let typo = serde_json::from_str::<dual_contour::Options>(r#"{"toleranze": 3.0}"#);
+    assert!(typo.unwrap_err().to_string().contains("toleranze"));
+
+    let strokes = crossfield::Guidance::Strokes {
+        strokes: vec![(Point3::origin(), geom_core::Vector3::x())],
+        weight: f64::INFINITY,
+    };
+    let text = serde_json::to_string(&strokes).unwrap();
+    let again: crossfield::Guidance = serde_json::from_str(&text).unwrap();
+    assert_eq!(again, strokes);
+}
+
 #[test]
 fn memory_is_read_with_units() {
     assert_eq!(bytes("1000"), Ok(1000));

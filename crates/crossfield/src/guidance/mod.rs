@@ -100,6 +100,10 @@ pub enum Guidance {
         /// where directions are noise.
         inset: f64,
         /// λ̄ of Eq. 4.9; infinite: hard.
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "geom_core::options::or_infinite")
+        )]
         weight: f64,
     },
     /// Where each eigenfunction is steepest, along its gradient, in bands in the middle of these patches (Eq. 4.8).
@@ -109,6 +113,10 @@ pub enum Guidance {
         /// How gradients of different eigenfunctions compare.
         normalization: Normalization,
         /// λ̄ of Eq. 4.9; infinite: hard.
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "geom_core::options::or_infinite")
+        )]
         weight: f64,
     },
     /// Principal directions where the principal curvatures differ: `| |κ₁| − |κ₂| | / (|κ₁| + |κ₂|)` above a threshold.
@@ -117,6 +125,10 @@ pub enum Guidance {
         /// From 0 to below 1: the higher, the fewer triangles, and the clearer their directions.
         threshold: f64,
         /// λ̄ of Eq. 4.9; infinite: hard.
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "geom_core::options::or_infinite")
+        )]
         weight: f64,
     },
     /// Directions at points of the surface, e.g. strokes: each guides the triangle nearest to its point.
@@ -124,6 +136,10 @@ pub enum Guidance {
         /// Points, Å, and directions of any length.
         strokes: Vec<(geom_core::Point3, Vector3)>,
         /// λ̄ of Eq. 4.9; infinite: hard.
+        #[cfg_attr(
+            feature = "serde",
+            serde(deserialize_with = "geom_core::options::or_infinite")
+        )]
         weight: f64,
     },
 }

@@ -107,8 +107,8 @@ impl Quadrangulation {
 /// manifold is made one first ([`Report::repaired`]). What it may need of memory, [`Options::bytes`] estimates.
 ///
 /// # Errors
-/// [`Error::Option`] for values out of range, [`Error::Empty`] without triangles, [`Error::Repair`] for input beyond
-/// repair. With [`Ladder::Off`](crate::Ladder::Off) also the first failure of a field or map ([`Error::Folded`],
+/// [`Error::Option`] for values out of range, [`Error::Empty`] without triangles, [`Error::Area`] without an area,
+/// [`Error::Repair`] for input beyond repair, [`Error::TooLarge`] for more quads than there is memory for. With [`Ladder::Off`](crate::Ladder::Off) also the first failure of a field or map ([`Error::Folded`],
 /// [`Error::Integers`], [`Error::TooMany`], [`Error::Topology`]); with [`Ladder::Full`](crate::Ladder::Full) these are in
 /// [`PartReport::failures`] instead.
 pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
@@ -135,6 +135,16 @@ fn quadrangulate_on(
         None => Vec::new(),
     };
     let area = filled_area(&whole, &slopes)?;
+    let (bytes, limit) = (
+        options.bytes(whole.area(), whole.triangles().len()),
+        options.max_memory,
+    );
+    if !(area > 0.0 && area.is_finite()) {
+        return Err(Error::Area { area });
+    }
+    if bytes > limit as f64 {
+        return Err(Error::TooLarge { bytes, limit });
+    }
     let spacing = options.size.spacing(area, whole.triangles().len());
     let guidance = guidance_of_parts(&whole, &split, &options.guidance)?;
     let mut positions = Vec::new();

@@ -5,7 +5,7 @@
 //! memory than is granted. Each is an error that says what would help.
 
 use geom_core::compute::parallel;
-use geom_core::options::OutOfRange;
+use geom_core::options::{OutOfRange, require};
 use geom_core::{ImplicitField, Lattice, LatticeValues};
 
 use super::report::Report;
@@ -38,6 +38,10 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
 ) -> Result<(Samples<'a>, Report), Error> {
     options.check()?;
     let lattice = values.lattice();
+    let spacing = lattice.spacing;
+    let makes_sense = spacing > 0.0 && spacing.is_finite();
+    let must = "be positive and finite; it is the lattice's, Å";
+    require(makes_sense, "spacing", spacing, must)?;
     if lattice.counts.iter().any(|&n| n < 2) {
         return Err(Error::NoCells {
             counts: lattice.counts,

@@ -26,7 +26,7 @@ pub struct Cancelled;
 ///
 /// Closures implement it. Between two questions a verb does not stop, so that cancelling takes as long as a batch.
 pub trait Monitor: Sync {
-    /// `done` of `total` units of `stage` are finished; `Break` cancels.
+    /// `done` of `total` units of `stage` are finished, 0 where nobody knows how many there will be; `Break` cancels.
     ///
     /// Stages have names that a user may read; `done` counts from 0 within a stage, which may come more than once, and
     /// units of different stages have nothing to do with each other. A verb need not report `done = total`.

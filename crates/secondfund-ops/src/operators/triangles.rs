@@ -29,7 +29,10 @@ pub(crate) fn matrices(
     let vertices = mesh.positions().len();
     let (conductor, factors) =
         operator.prepared(vertices, options.bounds, options.regularization)?;
-    let scale = UnitScale::of(mesh.positions())?;
+    // Of the surface: a vertex of no triangle has no part in its extent.
+    let corners = mesh.triangles().as_flattened().iter();
+    let corners: Vec<_> = corners.map(|&v| mesh.positions()[v as usize]).collect();
+    let scale = UnitScale::of(&corners)?;
     let normals = vertex_normals(mesh, normals)?;
     let elements = triangle_elements(mesh, &normals, &scale, &conductor, &factors, run)?;
     let flat = |e: &TriangleMatrix| e.stiffness.iter().any(|k| !k.is_finite());

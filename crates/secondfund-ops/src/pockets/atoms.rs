@@ -13,6 +13,10 @@ use crate::Error;
 
 /// Side of the cells, Å.
 const CELL: f64 = 5.0;
+/// How far coordinates may lie from the origin, Å: cells have numbers of 32 bits.
+const FARTHEST: f64 = 1e7;
+/// The largest radius of an atom, Å: a bead of a coarse-grained model has less. Space is asked for as far around all of them.
+const LARGEST: f64 = 20.0;
 
 /// The heavy atoms of polymers: no ligands, ions, waters, hydrogens.
 #[derive(Clone, Debug)]
@@ -132,8 +136,20 @@ impl Atoms {
     /// In the order of chains, residues and atoms of the structure.
     ///
     /// # Errors
-    /// [`Error::NoAtoms`] if no residue is a polymer's, or all their atoms are hydrogens.
+    /// [`Error::NoAtoms`] if no residue is a polymer's, or all their atoms are hydrogens; [`Error::BadAtom`].
     pub(crate) fn of(structure: &Structure) -> Result<Self, Error> {
+        for (atom, a) in structure.atoms().iter().enumerate() {
+            let numbers = [
+                ("x", a.position.x, -FARTHEST..=FARTHEST),
+                ("y", a.position.y, -FARTHEST..=FARTHEST),
+                ("z", a.position.z, -FARTHEST..=FARTHEST),
+                ("radius", a.radius, 0.0..=LARGEST),
+            ];
+            let wrong = numbers.into_iter().find(|(_, x, range)| !range.contains(x));
+            if let Some((field, value, _)) = wrong {
+                return Err(Error::BadAtom { atom, field, value });
+            }
+        }
         let mut chosen: Vec<(u32, u32)> = Vec::new();
         for chain in 0..structure.chains().len() {
             for residue in structure.chain_residues(chain) {

@@ -29,7 +29,8 @@ pub struct Outline {
     pub mouth: f64,
     /// The largest distance of the patch from the nearest of its mouths, Å; 0 in a closed cavity.
     pub depth: f64,
-    /// Volume between the patch and its mouths, Å³; of a closed cavity what its wall encloses.
+    /// Volume between the patch and its mouths, Å³; of a closed cavity what its wall encloses. 0 where the patch bulges
+    /// outward over its mouths more than it goes in.
     pub volume: f64,
     /// The points between two probes that belong to the pocket ([`OutlineSource::Probes`](crate::options::OutlineSource)), Å.
     pub hollow: Vec<Point3>,

@@ -57,7 +57,7 @@ const LINING: f64 = 4.0;
 /// lies along the principal axes.
 ///
 /// # Errors
-/// Options out of range, [`Error::NoAtoms`].
+/// Options out of range, [`Error::NoAtoms`], [`Error::BadAtom`].
 pub fn find(structure: &Structure, options: &PocketOptions) -> Result<Pockets, Error> {
     options.check()?;
     let atoms = Atoms::of(structure)?;

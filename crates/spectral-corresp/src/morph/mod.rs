@@ -2,7 +2,8 @@
 //!
 //! A morph moves the nodes of the first shape. Some of them, the landmarks, are led to their images; the others follow
 //! as rigidly as the graph allows. Each frame is a set of lattice points again, of a volume between those of both
-//! shapes, and a grid whose level set is its surface. It is the first shape moved forwards and the second one moved
+//! shapes, and a grid whose level set is its surface; as those points lie on either side of it, the volume it encloses may
+//! differ by some percent, and by more in thin bodies. It is the first shape moved forwards and the second one moved
 //! backwards, the nearer the more, so that a morph ends at the second shape itself.
 
 mod landmarks;

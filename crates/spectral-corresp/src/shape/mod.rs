@@ -31,6 +31,8 @@ const LEAST_BOUNDARY: usize = 50;
 /// Bytes per lattice point while a shape is made, if all lie inside: its value, its flag, its node and its place, the order
 /// of the parts, from where each node was reached, and whether. Two passes of distances take less, later.
 const BYTES_PER_POINT: u128 = 22;
+/// What a shape is made in: points, graph, boundary, distances.
+const STEPS: u64 = 4;
 /// Half the width of the ball in which the normal of a boundary node is taken, in spacings.
 const NORMAL_REACH: i64 = 3;
 /// Residual of the modes, relative to the first eigenvalue: the features need no more, and closer ones do not match
@@ -161,10 +163,11 @@ impl VoxelShape {
     }
 
     /// The lattice points inside a closed mesh.
-    /// The lattice reaches two spacings beyond the mesh.
+    /// The lattice reaches two spacings beyond the mesh. Inside is what an odd number of triangles lies before along the
+    /// first axis: holes that no row of lattice points passes count as closed, and a body listed twice as none.
     ///
     /// # Errors
-    /// [`Error::Open`] for a mesh that is not closed, [`Error::Spacing`], [`Error::TooLarge`], and those of
+    /// [`Error::Open`] where a row of lattice points shows that the mesh is not closed, [`Error::Spacing`], [`Error::TooLarge`], and those of
     /// [`of_flags`](Self::of_flags).
     pub fn of_mesh<B: CorrespBackend + ?Sized>(
         mesh: &TriMesh,
@@ -173,6 +176,7 @@ impl VoxelShape {
         run: Run<'_, B>,
     ) -> Result<Self, Error> {
         options.check()?;
+        run.progress("shape", 0, STEPS)?;
         let (lattice, inside) = mesh::inside(mesh, spacing, options.max_memory)?;
         Self::of_flags(&lattice, inside, options, run)
     }
@@ -221,6 +225,7 @@ impl VoxelShape {
         if options.fill_cavities {
             report.filled = fill_cavities(lattice.counts, &mut inside);
         }
+        run.progress("shape", 1, STEPS)?;
         let weights = options.weights.of(spacing);
         // In single precision, which kernels take, there would be no edges.
         require(
@@ -258,6 +263,7 @@ impl VoxelShape {
         mut report: ShapeReport,
         run: On<'_>,
     ) -> Result<Self, Error> {
+        run.progress("shape", 2, STEPS)?;
         let counts = lattice.counts;
         let is_inside = |[i, j, k]: [i64; 3]| {
             let within = |x: i64, n: usize| x >= 0 && x < n as i64;
@@ -281,6 +287,7 @@ impl VoxelShape {
         let normals = parallel::map_each(&boundary, |&node| {
             normal(graph.point(node as usize).map(|c| c as i64), &is_inside)
         });
+        run.progress("shape", 3, STEPS)?;
         // How far the outside is; where that is most around lies the skeleton, and from there to the boundary go diameters.
         let squares = run.squared_distances(counts, inside)?;
         let depth = |point: [usize; 3]| squares[lattice.index(point)];

@@ -461,8 +461,9 @@ impl Rungs<'_> {
 
     /// Is enough left for all that the field of so many triangles takes? If not, nothing would be left for its map.
     fn may_have_field(&self, triangles: usize) -> bool {
-        let cost = FIELD * triangles;
-        self.effort.left() >= (cost + cost / LARGE * triangles) as u64
+        let cost = FIELD.saturating_mul(triangles);
+        let large = (cost / LARGE).saturating_mul(triangles);
+        self.effort.left() >= cost.saturating_add(large) as u64
     }
 
     /// The penalty of singularities grows with the smoothing, so that fields of later rungs have fewer of them.
