@@ -119,7 +119,7 @@ pub struct Options {
     /// Without it they are only put onto the surface.
     pub improve: bool,
     /// Largest estimated working memory, bytes: what would need more by [`Options::bytes`] is
-    /// [`Error::TooLarge`](crate::Error::TooLarge) before anything is made. 16 GiB by default.
+    /// [`Error::TooLarge`] before anything is made. 16 GiB by default.
     pub max_memory: u64,
 }
 

@@ -84,7 +84,7 @@ pub enum Error {
     TooManySamples {
         /// Number of samples.
         samples: usize,
-        /// What they need.
+        /// What they need; of a band, of which that is seen while it is sampled, by the part done so far.
         bytes: u128,
         /// What `max_memory` allows.
         limit: u64,
@@ -120,7 +120,7 @@ pub enum Error {
         bytes: u128,
         /// What `max_memory` allows.
         limit: u64,
-        /// The smallest spacing that fits, Å.
+        /// A spacing that fits, Å: about the smallest.
         spacing: f64,
     },
     /// The grid cannot be made.

@@ -960,6 +960,20 @@ fn bad_input_is_named() {
     assert!(points > 1 << 30);
     let fits = Options { spacing, ..huge };
     assert!(sample_band(&model, &fits, Run::on(&Cpu)).is_ok());
+    // A band that turns out too large on the way says what fits, too, not what would fit if that were all of it.
+    let narrow = Options {
+        spacing: 0.03,
+        max_memory: 4 << 20,
+        ..Options::default()
+    };
+    let Err(Error::GridTooLarge { spacing, bytes, .. }) =
+        sample_band(&model, &narrow, Run::on(&Cpu))
+    else {
+        panic!("4 MB are not enough");
+    };
+    assert!(bytes > 4 << 20);
+    let fits = Options { spacing, ..narrow };
+    assert!(sample_band(&model, &fits, Run::on(&Cpu)).is_ok());
     let endless = Options {
         spacing: 1e-6,
         ..Options::default()

@@ -17,7 +17,8 @@ use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::Options;
 use crate::sample::blocks::{
-    Bricks, Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
+    Bricks, Sampled, check_memory, for_each_batch, lattice_of, start_report, too_large_after,
+    touched,
 };
 
 /// Samples the density in bricks of 8 × 8 × 8 points near the surface; other bricks hold 0 outside and
@@ -121,14 +122,21 @@ impl Band {
             values: Vec::new(),
             pairs: 0,
         };
-        let collect = |band: &mut Self, blocks: &[Block], results: &[BlockValues]| {
+        let collect = |band: &mut Self, blocks: &[Block], results: &[BlockValues], again: bool| {
             band.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
             band.take(blocks, results);
             let stored = band.values.len() as u128 * BRICK_POINTS as u128;
-            check_memory(lattice, count * 8 + stored * 4, options)
+            let bytes = count * 8 + stored * 4;
+            match blocks.last() {
+                Some(last) if bytes > u128::from(options.max_memory) => {
+                    let share = if again { 1.0 } else { range.share_up_to(last) };
+                    Err(too_large_after(lattice, bytes, share, options))
+                }
+                _ => Ok(()),
+            }
         };
         for_each_batch(model, &job, &range, None, run, |blocks, results| {
-            collect(&mut band, blocks, results)
+            collect(&mut band, blocks, results, false)
         })?;
         let crossed = band.crossed();
         if !crossed.is_empty() {
@@ -138,7 +146,7 @@ impl Band {
             };
             let wanted = Some(&crossed);
             for_each_batch(model, &all, &range, wanted, run, |blocks, results| {
-                collect(&mut band, blocks, results)
+                collect(&mut band, blocks, results, true)
             })?;
         }
         Ok(band)

@@ -106,9 +106,25 @@ pub(crate) fn check_memory(lattice: &Lattice, bytes: u128, options: &Options) ->
 
 fn too_large(lattice: &Lattice, bytes: u128, options: &Options) -> Error {
     let limit = options.max_memory.max(1);
-    // The bytes of a dense grid grow with the cube of the resolution, those of a band with its square; the
-    // cube root errs on the small side, so one more percent.
+    // The bytes of a dense grid grow with the cube of the resolution; one percent more for what is rounded up.
     let factor = (bytes as f64 / limit as f64).cbrt() * 1.01;
+    refused(lattice, bytes, factor, options)
+}
+
+/// The same in the middle of a band: its bytes so far, and the share of it that has been sampled.
+pub(crate) fn too_large_after(
+    lattice: &Lattice,
+    bytes: u128,
+    share: f64,
+    options: &Options,
+) -> Error {
+    let whole = bytes as f64 / share.clamp(f64::EPSILON, 1.0);
+    // They grow with the square of the resolution.
+    let factor = (whole / options.max_memory.max(1) as f64).sqrt() * 1.05;
+    refused(lattice, whole as u128, factor, options)
+}
+
+fn refused(lattice: &Lattice, bytes: u128, factor: f64, options: &Options) -> Error {
     Error::GridTooLarge {
         points: lattice.points(),
         bytes,
@@ -146,6 +162,15 @@ impl Bricks {
             self.low.map(|b| b / BLOCK),
             self.high.map(|b| b.div_ceil(BLOCK)),
         ]
+    }
+
+    /// About how much of the range has been looked at up to a block, in the order of [`for_each_batch`].
+    pub(crate) fn share_up_to(&self, block: &Block) -> f64 {
+        let [first, end] = self.blocks();
+        let regions = [0, 1, 2].map(|k| (end[k] - first[k]).div_ceil(REGION));
+        let at = [0, 1, 2].map(|k| (block.brick[k] / BLOCK - first[k]) / REGION);
+        let before = (at[2] * regions[1] + at[1]) * regions[0] + at[0];
+        (before + 1) as f64 / regions.iter().product::<usize>() as f64
     }
 
     /// Those of a block: bit `i` is its `i`-th brick.
