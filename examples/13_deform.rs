@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::input::shapes::{Field, MatchArgs, Pair, ShapeArgs, contour};
+use biogeom_examples::input::shapes::{Field, MatchArgs, Pair, ShapeArgs};
+use biogeom_examples::input::source::contour;
 use biogeom_examples::picture::{Layer, Paint, Scene, View, sheet};
 use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
@@ -159,7 +160,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
             let unchanged = morph.frame(0.0, on)?;
             noted.insert("first_shape".to_owned(), difference(&field, &unchanged)?);
         }
-        let surface = contour(session, &frame.grid, frame.level, None)?;
+        let surface = session.stage("surface", || {
+            contour(session, &frame.grid, frame.level, None)
+        })?;
         if let Value::Object(noted) = &mut noted {
             noted.insert("surface_volume".to_owned(), surface.volume().into());
         }

@@ -21,7 +21,7 @@ use spectral_corresp::{
 };
 
 use crate::args::ReaderArgs;
-use crate::input::source::extension;
+use crate::input::source::{contour, extension};
 use crate::{Failure, Session};
 
 /// Two shapes and how lattice points are made of them.
@@ -462,7 +462,7 @@ fn of_grid(
     let on = session.on(session.device.corresp());
     let shape = session.stage("shape", || VoxelShape::of_grid(grid, level, options, on))?;
     Ok(Body {
-        surface: contour(session, grid, level, Some(field))?,
+        surface: session.stage("surface", || contour(session, grid, level, Some(field)))?,
         shape,
         structure: None,
     })
@@ -493,26 +493,6 @@ fn of_mesh(
         surface,
         structure: None,
     })
-}
-
-/// The surface of a grid at a level; closed where the body reaches the box.
-pub fn contour(
-    session: &Session,
-    grid: &ScalarGrid,
-    level: f64,
-    field: Option<&dyn ImplicitField>,
-) -> Result<TriMesh, Failure> {
-    let options = dual_contour::Options {
-        level,
-        at_box: dual_contour::AtBox::Cap,
-        max_memory: session.memory(),
-        ..Default::default()
-    };
-    let on = session.on(session.device.contour());
-    let made = session.stage("surface", || {
-        dual_contour::surface(grid, field, &options, on)
-    })?;
-    Ok(made.mesh)
 }
 
 impl Body {

@@ -8,7 +8,7 @@ use gauss_density::{Cutoff, DensityBackend, Model, PointSampler, sample_band};
 use geom_core::io::structure::Membrane;
 use geom_core::{
     BrickGrid, FieldAtMany, ImplicitField, Lattice, LatticeValues, Point3, ScalarGrid, Structure,
-    Vector3, io,
+    TriMesh, Vector3, io,
 };
 use serde::Serialize;
 use serde_json::json;
@@ -254,16 +254,7 @@ fn enclosing(grid: &ScalarGrid, volume: f64, session: &Session) -> Result<f64, F
             "--enclosed-volume {volume} Å³ does not lie between 0 and the whole grid of {all:.0} Å³"
         )
     })?;
-    let enclosed = |level: f64| {
-        let options = dual_contour::Options {
-            level,
-            at_box: dual_contour::AtBox::Cap,
-            max_memory: session.memory(),
-            ..Default::default()
-        };
-        let on = session.on(session.device.contour());
-        dual_contour::surface(grid, None, &options, on).map(|made| made.mesh.volume())
-    };
+    let enclosed = |level: f64| contour(session, grid, level, None).map(|mesh| mesh.volume());
     session.stage("isovalue", || {
         let mut asked = volume;
         for _ in 0..ROUNDS {
@@ -280,4 +271,21 @@ fn enclosing(grid: &ScalarGrid, volume: f64, session: &Session) -> Result<f64, F
         }
         Ok::<_, Failure>(level)
     })
+}
+
+/// The surface of a grid at a level; closed where the body reaches the box.
+pub fn contour(
+    session: &Session,
+    grid: &ScalarGrid,
+    level: f64,
+    field: Option<&dyn ImplicitField>,
+) -> Result<TriMesh, Failure> {
+    let options = dual_contour::Options {
+        level,
+        at_box: dual_contour::AtBox::Cap,
+        max_memory: session.memory(),
+        ..Default::default()
+    };
+    let on = session.on(session.device.contour());
+    Ok(dual_contour::surface(grid, field, &options, on)?.mesh)
 }
