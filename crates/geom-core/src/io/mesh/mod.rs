@@ -296,11 +296,9 @@ fn number_patches(view: &mut View<'static>) {
     if !is_volume || !view.groups.is_empty() {
         return;
     }
-    let named = PATCH_FIELDS.iter().find_map(|name| {
-        let is_it = |f: &&Field<'_>| f.name.to_lowercase() == *name && f.values.components == 1;
-        view.cell_fields.iter().find(is_it)
-    });
-    let Some(field) = named else { return };
+    let Some(field) = first_named(&view.cell_fields, &PATCH_FIELDS) else {
+        return;
+    };
     let mut tag_of = Vec::new();
     let dimensions = view.blocks.iter();
     let dimensions = dimensions.flat_map(|b| std::iter::repeat_n(b.dimension(), b.len()));
@@ -330,10 +328,16 @@ fn number_patches(view: &mut View<'static>) {
     }
 }
 
-/// The region of each tetrahedron.
-///
-/// By the field `region` if there is one; else by groups, of which ours are known by name, others have the number of their
-/// tag if that is free, and the rest are numbered from 2 on, as they come; else by another program's field ([`REGION_FIELDS`]); else all are [`INTERIOR`].
+/// The field of one number per cell that is called by the first of these names, in small letters, that any is called by.
+fn first_named<'f, 'v>(fields: &'f [Field<'v>], names: &[&str]) -> Option<&'f Field<'v>> {
+    names.iter().find_map(|name| {
+        let is_it = |f: &&Field<'_>| f.name.to_lowercase() == *name && f.values.components == 1;
+        fields.iter().find(is_it)
+    })
+}
+
+/// The region of each tetrahedron: by our own field `region` if there is one, else by groups, else by another program's field
+/// ([`REGION_FIELDS`]); else all are [`INTERIOR`].
 fn regions(
     tets: usize,
     fields: &[Field<'_>],
@@ -357,19 +361,22 @@ fn regions(
             })
             .collect();
     }
-    if group_of.iter().all(|&g| g == NO_GROUP) {
-        let foreign = REGION_FIELDS.iter().find_map(|name| {
-            fields
-                .iter()
-                .find(|f| f.name.to_lowercase() == *name && f.values.components == 1)
-        });
-        return match foreign {
-            Some(field) => foreign_regions(tets, field),
-            None => Ok(vec![INTERIOR; tets]),
-        };
+    // Groups may be of patches alone.
+    if group_of.iter().any(|&g| g != NO_GROUP) {
+        let of_group = regions_of_groups(groups)?;
+        let of = |&g: &u32| of_group.get(g as usize).copied().unwrap_or(INTERIOR);
+        return Ok(group_of.iter().map(of).collect());
     }
-    // Names of ours say which; others get the numbers that none of those has.
-    let ours = |g: &Group| match (g.dimension, g.name.as_str()) {
+    match first_named(fields, &REGION_FIELDS) {
+        Some(field) => foreign_regions(tets, field),
+        None => Ok(vec![INTERIOR; tets]),
+    }
+}
+
+/// The region of each group: ours are known by name, others have the number of their tag if that is free, and the rest are
+/// numbered from 2 on, as they come. What is said of patches is not asked for.
+fn regions_of_groups(groups: &[Group]) -> Result<Vec<Region>, Error> {
+    let by_name = |g: &Group| match (g.dimension, g.name.as_str()) {
         (3, "exterior") => Some(EXTERIOR),
         (3, "molecule") => Some(INTERIOR),
         (3, name) => name
@@ -377,28 +384,25 @@ fn regions(
             .and_then(|n| n.parse().ok().filter(|&r| r != OUTSIDE)),
         _ => Some(INTERIOR),
     };
-    let volumes = groups.iter().filter(|g| g.dimension == 3);
-    let mut taken: Vec<Region> = volumes.filter_map(ours).collect();
-    let mut numbered = |g: &Group| {
+    let volumes = || groups.iter().filter(|g| g.dimension == 3);
+    let mut taken: Vec<Region> = volumes().filter_map(by_name).collect();
+    // Names come first, wherever they stand: a tag may be the number that a name says of another group.
+    let mut by_tag = |g: &Group| {
         let tag = g.tag.and_then(|tag| Region::try_from(tag).ok())?;
         let is_free = (INTERIOR..OUTSIDE).contains(&tag) && !taken.contains(&tag);
         is_free.then(|| taken.push(tag))?;
         Some(tag)
     };
-    let known = groups.iter().map(|g| ours(g).or_else(|| numbered(g)));
-    let known: Vec<Option<Region>> = known.collect();
+    let said = groups.iter().map(|g| by_name(g).or_else(|| by_tag(g)));
+    let said: Vec<Option<Region>> = said.collect();
+    // What nothing has said gets what is left.
     let mut free = (INTERIOR + 1..OUTSIDE).filter(|r| !taken.contains(r));
-    let named: Vec<Region> = known
-        .into_iter()
-        .map(|known| known.or_else(|| free.next()))
-        .collect::<Option<_>>()
-        .ok_or_else(|| {
-            let volumes = groups.iter().filter(|g| g.dimension == 3).count();
-            let what = format!("{volumes} groups of tetrahedra; at most 253 can be told apart");
-            ErrorKind::TooLarge(what)
-        })?;
-    let of = |&g: &u32| named.get(g as usize).copied().unwrap_or(INTERIOR);
-    Ok(group_of.iter().map(of).collect())
+    let all = said.into_iter().map(|said| said.or_else(|| free.next()));
+    all.collect::<Option<_>>().ok_or_else(|| {
+        let volumes = volumes().count();
+        let what = format!("{volumes} groups of tetrahedra; at most 253 can be told apart");
+        ErrorKind::TooLarge(what).into()
+    })
 }
 
 /// By whole numbers under another program's name: as they are, if all are regions; else numbered from 2 on in ascending
