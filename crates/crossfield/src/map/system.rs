@@ -11,7 +11,7 @@
 //! restricted to the unknowns, is that of the energy's matrix up to 1 / R. Where more digits are wanted, the method of
 //! multipliers (Hestenes 1969, Powell 1969) has them after a few substitutions.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix, Symbolic};
 use geom_core::compute::parallel;
@@ -50,12 +50,10 @@ pub(crate) struct Weighted<'a> {
     /// R.
     stiff: Vec<f64>,
     symbolic: Symbolic,
-    /// Of the matrix.
-    free: OnceLock<Cholesky>,
+    /// The factor of the matrix.
+    free: Factor,
     /// Of its part over the reals, with ones on the diagonal for all other values.
-    held: OnceLock<Cholesky>,
-    /// The two at half of their memory, for steps; `None` where that gains nothing.
-    single: [OnceLock<Option<SingleFactor>>; 2],
+    held: Factor,
 }
 
 impl<'a> System<'a> {
@@ -97,9 +95,8 @@ impl<'a> System<'a> {
             stiff,
             symbolic: kept(&self.symbolic, || Ok(Symbolic::of(&matrix)?))?.clone(),
             matrix,
-            free: OnceLock::new(),
-            held: OnceLock::new(),
-            single: Default::default(),
+            free: Factor::default(),
+            held: Factor::default(),
         })
     }
 
@@ -190,23 +187,23 @@ impl<'a> System<'a> {
 impl Weighted<'_> {
     /// # Errors
     /// [`Error::Matrix`] if the matrix is not positive definite: the map could be shifted or a part of it hangs on nothing.
-    fn free(&self) -> Result<&Cholesky, Error> {
-        kept(&self.free, || Ok(self.symbolic.factor(&self.matrix)?))
+    fn free(&self) -> Result<Arc<Cholesky>, Error> {
+        self.free.whole(|| Ok(self.symbolic.factor(&self.matrix)?))
     }
 
     /// From now on integers are held: the factor in which they move is large, and not needed any more.
     pub(crate) fn forget_free(&mut self) {
-        (self.free, self.single[1]) = (OnceLock::new(), OnceLock::new());
+        self.free = Factor::default();
     }
 
     /// The same of the factor in which the integers are held, until it is asked for again.
     pub(crate) fn forget_held(&mut self) {
-        (self.held, self.single[0]) = (OnceLock::new(), OnceLock::new());
+        self.held = Factor::default();
     }
 
     /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
-    fn held(&self) -> Result<&Cholesky, Error> {
-        kept(&self.held, || {
+    fn held(&self) -> Result<Arc<Cholesky>, Error> {
+        self.held.whole(|| {
             let reals = self.seams.reals;
             self.factor_but(|k| k >= reals)
         })
@@ -226,15 +223,10 @@ impl Weighted<'_> {
     pub(crate) fn inverse(&self, gradient: &[f64], with_integers: bool) -> Result<Vec<f64>, Error> {
         let mut x = gradient.to_vec();
         x.resize(self.seams.values(), 0.0);
-        let factor = match with_integers {
-            true => self.free()?,
-            false => self.held()?,
+        x = match with_integers {
+            true => self.free.solved(x, || self.free())?,
+            false => self.held.solved(x, || self.held())?,
         };
-        let single = &self.single[usize::from(with_integers)];
-        match kept(single, || Ok(SingleFactor::of(factor)))? {
-            Some(single) => x = single.solve(&x)?,
-            None => factor.solve_in_place(&mut x, 1)?,
-        }
         x.truncate(gradient.len());
         Ok(x)
     }
@@ -242,13 +234,13 @@ impl Weighted<'_> {
     /// The values at the minimum, with real numbers in place of integers.
     pub(crate) fn optimum(&self) -> Result<Vec<f64>, Error> {
         let nothing = vec![None; self.seams.integers];
-        self.minimum(self.free()?, &self.seams.all_of(&nothing))
+        self.minimum(&*self.free()?, &self.seams.all_of(&nothing))
     }
 
     /// All values for given integers: the reals follow to the minimum for these, which need not be integers.
     pub(crate) fn values_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let all: Vec<Option<f64>> = integers.iter().copied().map(Some).collect();
-        self.minimum(self.held()?, &self.seams.all_of(&all))
+        self.minimum(&*self.held()?, &self.seams.all_of(&all))
     }
 
     /// The minimum while some integers are held, and the factor of what moves.
@@ -328,6 +320,60 @@ impl Holding {
         let unit = |&k: &usize| vec![(self.first + k, 1.0)];
         let units: Vec<Vec<(usize, f64)>> = integers.iter().map(unit).collect();
         Ok(self.factor.inverse_gram(&units)?)
+    }
+}
+
+/// A factor that is made when it is first asked for.
+#[derive(Default)]
+struct Factor(Mutex<Made>);
+
+#[derive(Default)]
+struct Made {
+    whole: Option<Arc<Cholesky>>,
+    /// At half of its memory, for steps.
+    single: Option<Arc<SingleFactor>>,
+}
+
+impl Factor {
+    fn made(&self) -> MutexGuard<'_, Made> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn whole(
+        &self,
+        make: impl FnOnce() -> Result<Cholesky, Error>,
+    ) -> Result<Arc<Cholesky>, Error> {
+        if let Some(whole) = &self.made().whole {
+            return Ok(whole.clone());
+        }
+        let whole = Arc::new(make()?);
+        self.made().whole = Some(whole.clone());
+        Ok(whole)
+    }
+
+    /// With the factor at half of its memory, which takes the place of the whole one, unless nothing is gained by that.
+    fn solved(
+        &self,
+        mut x: Vec<f64>,
+        whole: impl FnOnce() -> Result<Arc<Cholesky>, Error>,
+    ) -> Result<Vec<f64>, Error> {
+        let single = self.made().single.clone();
+        if let Some(single) = single {
+            return Ok(single.solve(&x)?);
+        }
+        let whole = whole()?;
+        self.made().whole = None;
+        match SingleFactor::of(Arc::unwrap_or_clone(whole)) {
+            Ok(single) => {
+                x = single.solve(&x)?;
+                self.made().single = Some(Arc::new(single));
+            }
+            Err(whole) => {
+                whole.solve_in_place(&mut x, 1)?;
+                self.made().whole = Some(Arc::new(whole));
+            }
+        }
+        Ok(x)
     }
 }
 

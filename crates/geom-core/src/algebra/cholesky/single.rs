@@ -14,20 +14,37 @@ const TILE: usize = 16;
 #[derive(Clone, Debug)]
 pub struct SingleFactor {
     symbolic: Symbolic,
-    values: Vec<f32>,
+    /// In the places of f64 values, two in each: see [`SingleFactor::of`].
+    pairs: Vec<f64>,
 }
 
 impl SingleFactor {
-    /// Rounds a factor; `None` where it is so small that nothing is gained by it, or does not fit f32.
-    pub fn of(factor: &Cholesky) -> Option<Self> {
-        factor.symbolic.inner.plan.as_ref()?;
-        let values = parallel::map_each(&factor.values, |&v| v as f32);
+    /// Rounds a factor where it lies, without memory of its own: a factor may be the largest thing in a program.
+    ///
+    /// # Errors
+    /// The factor as it was where it is so small that nothing is gained by it, or does not fit f32.
+    pub fn of(factor: Cholesky) -> Result<Self, Cholesky> {
         // A pivot that vanishes or is beyond f32 makes it no factor.
-        let pivots = factor.symbolic.pivots(&values);
-        let holds = |&d: &f32| d >= f32::MIN_POSITIVE && d.is_finite();
-        pivots.iter().all(holds).then(|| Self {
-            symbolic: factor.symbolic.clone(),
-            values,
+        let holds = |&d: &f64| d as f32 >= f32::MIN_POSITIVE && (d as f32).is_finite();
+        let has_supernodes = factor.symbolic.inner.plan.is_some();
+        if !has_supernodes || !factor.symbolic.pivots(&factor.values).iter().all(holds) {
+            return Err(factor);
+        }
+        let Cholesky {
+            symbolic,
+            mut values,
+        } = factor;
+        let halves: &mut [u32] = bytemuck::cast_slice_mut(&mut values);
+        for k in 0..halves.len() / 2 {
+            let value: f64 = bytemuck::cast([halves[2 * k], halves[2 * k + 1]]);
+            // At or before the place that has been read.
+            halves[k] = (value as f32).to_bits();
+        }
+        values.truncate(values.len().div_ceil(2));
+        values.shrink_to_fit();
+        Ok(Self {
+            symbolic,
+            pairs: values,
         })
     }
 
@@ -52,7 +69,7 @@ impl SingleFactor {
     /// let factor = Cholesky::of(&SparseMatrix::from_triplets(rows, rows, &entries)?)?;
     /// let b: Vec<f64> = (0..rows).map(|k| (k as f64).sin()).collect();
     /// let exact = factor.solve(&b)?;
-    /// let close = SingleFactor::of(&factor).expect("supernodes").solve(&b)?;
+    /// let close = SingleFactor::of(factor).expect("supernodes").solve(&b)?;
     /// let off = exact.iter().zip(&close).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     /// assert!(off < 1e-6);
     /// # Ok::<(), geom_core::algebra::Error>(())
@@ -73,7 +90,7 @@ impl SingleFactor {
             let solved: Solved<f64, 1> = schedule.solve_by(b, 1, 0..1, |task, x, direction| {
                 lanes::vectorized(Sweep {
                     task,
-                    values: &self.values,
+                    values: bytemuck::cast_slice(&self.pairs),
                     x: x.as_flattened_mut(),
                     direction,
                 });
