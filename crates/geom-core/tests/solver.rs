@@ -315,6 +315,44 @@ fn energies_of_sparse_vectors_are_those_of_solves() {
     }
 }
 
+/// Half of the memory, the same analysis: close to the right inverse, symmetric, and refused where the whole one is.
+#[test]
+fn a_factor_in_single_precision_is_close_and_symmetric() {
+    let matrix = screened(1e-2);
+    let n = matrix.rows();
+    let symbolic = Symbolic::of(&matrix).unwrap();
+    let whole = symbolic.factor(&matrix).unwrap();
+    let [b, c] = [7, 8].map(|seed| values(n, seed));
+    let [x, y] = same_on_any_threads(|| {
+        let single = symbolic.factor_single(&matrix).unwrap().unwrap();
+        [&b, &c].map(|b| single.solve(b).unwrap())
+    });
+    let exact = whole.solve(&b).unwrap();
+    let size = exact.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let off = largest(&x, &exact) / size;
+    // Rounded, and by no more than that of the condition.
+    assert!(off > 1e-12 && off < 1e-4, "{off}");
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let (one, other) = (dot(&x, &c), dot(&b, &y));
+    assert!((one - other).abs() < 1e-10 * size * n as f64);
+
+    let indefinite = matrix.map(|i, j, a| if i == j && i == 40 { -a } else { a });
+    let row = |error| match error {
+        Error::NotPositiveDefinite { row } => row,
+        other => panic!("{other}"),
+    };
+    assert_eq!(
+        row(symbolic.factor_single(&indefinite).unwrap_err()),
+        row(symbolic.factor(&indefinite).unwrap_err())
+    );
+    // Beyond f32, and too small to gain anything.
+    let large = matrix.map(|_, _, a| a * 1e90);
+    assert!(symbolic.factor_single(&large).unwrap().is_none());
+    let small = matrix.leading(3);
+    let symbolic = Symbolic::of(&small).unwrap();
+    assert!(symbolic.factor_single(&small).unwrap().is_none());
+}
+
 #[test]
 fn bits_do_not_depend_on_threads() {
     let matrix = screened(1e-2);

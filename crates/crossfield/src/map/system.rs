@@ -11,6 +11,7 @@
 //! restricted to the unknowns, is that of the energy's matrix up to 1 / R. Where more digits are wanted, the method of
 //! multipliers (Hestenes 1969, Powell 1969) has them after a few substitutions.
 
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix, Symbolic};
@@ -36,8 +37,16 @@ pub(crate) struct System<'a> {
     pub(crate) charts: &'a [Chart],
     /// The wanted Jacobians: at first the field's, the identity.
     pub(crate) wanted: Vec<[[f64; 2]; 2]>,
-    /// The pattern of the matrix and the order of its elimination, which weights do not change.
-    symbolic: OnceLock<Symbolic>,
+    patterns: Patterns,
+}
+
+/// Patterns of matrices and the orders of their elimination, which weights do not change.
+#[derive(Default)]
+struct Patterns {
+    whole: OnceLock<Symbolic>,
+    /// Of the part over the reals. Without the few integers that hang together with everything its factor has half of the
+    /// entries.
+    reals: Arc<OnceLock<Symbolic>>,
 }
 
 /// The system for one choice of weights.
@@ -50,10 +59,11 @@ pub(crate) struct Weighted<'a> {
     /// R.
     stiff: Vec<f64>,
     symbolic: Symbolic,
-    /// The factor of the matrix.
-    free: Factor,
-    /// Of its part over the reals, with ones on the diagonal for all other values.
-    held: Factor,
+    symbolic_of_reals: Arc<OnceLock<Symbolic>>,
+    /// The factors of its part over the reals and of all of it.
+    whole: [Mutex<Option<Arc<Cholesky>>>; 2],
+    /// The two at half of their memory, for steps; `None` where that gains nothing.
+    single: [OnceLock<Option<SingleFactor>>; 2],
 }
 
 impl<'a> System<'a> {
@@ -64,7 +74,7 @@ impl<'a> System<'a> {
             seams,
             charts,
             wanted: vec![[[1.0, 0.0], [0.0, 1.0]]; charts.len()],
-            symbolic: OnceLock::new(),
+            patterns: Patterns::default(),
         }
     }
 
@@ -93,10 +103,11 @@ impl<'a> System<'a> {
             seams: self.seams,
             right: self.right(weights),
             stiff,
-            symbolic: kept(&self.symbolic, || Ok(Symbolic::of(&matrix)?))?.clone(),
+            symbolic: kept(&self.patterns.whole, || Ok(Symbolic::of(&matrix)?))?.clone(),
+            symbolic_of_reals: self.patterns.reals.clone(),
             matrix,
-            free: Factor::default(),
-            held: Factor::default(),
+            whole: Default::default(),
+            single: Default::default(),
         })
     }
 
@@ -185,48 +196,63 @@ impl<'a> System<'a> {
 }
 
 impl Weighted<'_> {
+    /// The matrix, or its part over the reals, and its analysis.
+    fn part(&self, with_integers: bool) -> Result<(&Symbolic, Cow<'_, SparseMatrix>), Error> {
+        if with_integers {
+            return Ok((&self.symbolic, Cow::Borrowed(&self.matrix)));
+        }
+        let matrix = self.matrix.leading(self.seams.reals);
+        let symbolic = kept(&self.symbolic_of_reals, || Ok(Symbolic::of(&matrix)?))?;
+        Ok((symbolic, Cow::Owned(matrix)))
+    }
+
     /// # Errors
     /// [`Error::Matrix`] if the matrix is not positive definite: the map could be shifted or a part of it hangs on nothing.
-    fn free(&self) -> Result<Arc<Cholesky>, Error> {
-        self.free.whole(|| Ok(self.symbolic.factor(&self.matrix)?))
+    fn factor(&self, with_integers: bool) -> Result<Arc<Cholesky>, Error> {
+        let kept = || locked(&self.whole[usize::from(with_integers)]);
+        if let Some(factor) = kept().clone() {
+            return Ok(factor);
+        }
+        let (symbolic, matrix) = self.part(with_integers)?;
+        let factor = Arc::new(symbolic.factor(&matrix)?);
+        *kept() = Some(factor.clone());
+        Ok(factor)
     }
 
     /// From now on integers are held: the factor in which they move is large, and not needed any more.
     pub(crate) fn forget_free(&mut self) {
-        self.free = Factor::default();
+        self.forget(true);
     }
 
     /// The same of the factor in which the integers are held, until it is asked for again.
     pub(crate) fn forget_held(&mut self) {
-        self.held = Factor::default();
+        self.forget(false);
     }
 
-    /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
-    fn held(&self) -> Result<Arc<Cholesky>, Error> {
-        self.held.whole(|| {
-            let reals = self.seams.reals;
-            self.factor_but(|k| k >= reals)
-        })
-    }
-
-    /// Of the matrix, with ones on the diagonal for the values that are held and nothing else of them.
-    fn factor_but(&self, is_held: impl Fn(usize) -> bool + Sync) -> Result<Cholesky, Error> {
-        let own = |i: usize, j: usize, a: f64| match is_held(i) || is_held(j) {
-            true => f64::from(u8::from(i == j)),
-            false => a,
-        };
-        Ok(self.symbolic.factor(&self.matrix.map(own))?)
+    fn forget(&mut self, with_integers: bool) {
+        let which = usize::from(with_integers);
+        *locked(&self.whole[which]) = None;
+        self.single[which] = OnceLock::new();
     }
 
     /// `A⁻¹ g` over the unknowns that move, for a gradient with respect to them: all of them, or the reals alone. It bends steps
     /// and need not be exact: up to `1 / R`, and with the factor in single precision.
     pub(crate) fn inverse(&self, gradient: &[f64], with_integers: bool) -> Result<Vec<f64>, Error> {
+        let which = usize::from(with_integers);
+        let single = kept(&self.single[which], || {
+            // It takes the place of the whole one.
+            *locked(&self.whole[which]) = None;
+            let (symbolic, matrix) = self.part(with_integers)?;
+            Ok(symbolic.factor_single(&matrix)?)
+        })?;
         let mut x = gradient.to_vec();
-        x.resize(self.seams.values(), 0.0);
-        x = match with_integers {
-            true => self.free.solved(x, || self.free())?,
-            false => self.held.solved(x, || self.held())?,
-        };
+        if with_integers {
+            x.resize(self.seams.values(), 0.0);
+        }
+        match single {
+            Some(single) => x = single.solve(&x)?,
+            None => self.factor(with_integers)?.solve_in_place(&mut x, 1)?,
+        }
         x.truncate(gradient.len());
         Ok(x)
     }
@@ -234,19 +260,24 @@ impl Weighted<'_> {
     /// The values at the minimum, with real numbers in place of integers.
     pub(crate) fn optimum(&self) -> Result<Vec<f64>, Error> {
         let nothing = vec![None; self.seams.integers];
-        self.minimum(&*self.free()?, &self.seams.all_of(&nothing))
+        self.minimum(&*self.factor(true)?, &self.seams.all_of(&nothing))
     }
 
     /// All values for given integers: the reals follow to the minimum for these, which need not be integers.
     pub(crate) fn values_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let all: Vec<Option<f64>> = integers.iter().copied().map(Some).collect();
-        self.minimum(&*self.held()?, &self.seams.all_of(&all))
+        self.minimum(&*self.factor(false)?, &self.seams.all_of(&all))
     }
 
     /// The minimum while some integers are held, and the factor of what moves.
     pub(crate) fn holding(&self, integers: &[Option<f64>]) -> Result<Holding, Error> {
         let held = self.seams.all_of(integers);
-        let factor = self.factor_but(|k| held[k].is_some())?;
+        // The pattern is that of the whole matrix, so that it needs no analysis of its own: ones on the diagonal for what is held.
+        let own = |i: usize, j: usize, a: f64| match held[i].is_some() || held[j].is_some() {
+            true => f64::from(u8::from(i == j)),
+            false => a,
+        };
+        let factor = self.symbolic.factor(&self.matrix.map(own))?;
         let w = self.minimum(&factor, &held)?;
         let integers = self.seams.reals..self.seams.unknowns();
         Ok(Holding {
@@ -256,7 +287,8 @@ impl Weighted<'_> {
         })
     }
 
-    /// The values at the minimum under the closings, those that are held where they are; `factor` is that of the others.
+    /// The values at the minimum under the closings, those that are held where they are; `factor` is that of the others, which are
+    /// the first values if it has fewer rows.
     fn minimum(&self, factor: &Cholesky, held: &[Option<f64>]) -> Result<Vec<f64>, Error> {
         let closings = &self.seams.closings;
         let mut right = self.right.clone();
@@ -279,7 +311,7 @@ impl Weighted<'_> {
             for (w, held) in w.iter_mut().zip(held) {
                 *w = held.unwrap_or(*w);
             }
-            factor.solve_in_place(&mut w, 1)?;
+            factor.solve_in_place(&mut w[..factor.rows()], 1)?;
             for (&row, multiplier) in open.iter().zip(&mut multipliers) {
                 let gap: f64 = closings.row(row).map(|(k, c)| f64::from(c) * w[k]).sum();
                 *multiplier += self.stiff[row] * gap;
@@ -300,7 +332,7 @@ impl Weighted<'_> {
     pub(crate) fn inverse_schur(&self) -> Result<Vec<f64>, Error> {
         let integers = self.seams.reals..self.seams.unknowns();
         let units: Vec<Vec<(usize, f64)>> = integers.map(|k| vec![(k, 1.0)]).collect();
-        Ok(self.free()?.inverse_gram(&units)?)
+        Ok(self.factor(true)?.inverse_gram(&units)?)
     }
 }
 
@@ -323,58 +355,8 @@ impl Holding {
     }
 }
 
-/// A factor that is made when it is first asked for.
-#[derive(Default)]
-struct Factor(Mutex<Made>);
-
-#[derive(Default)]
-struct Made {
-    whole: Option<Arc<Cholesky>>,
-    /// At half of its memory, for steps.
-    single: Option<Arc<SingleFactor>>,
-}
-
-impl Factor {
-    fn made(&self) -> MutexGuard<'_, Made> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn whole(
-        &self,
-        make: impl FnOnce() -> Result<Cholesky, Error>,
-    ) -> Result<Arc<Cholesky>, Error> {
-        if let Some(whole) = &self.made().whole {
-            return Ok(whole.clone());
-        }
-        let whole = Arc::new(make()?);
-        self.made().whole = Some(whole.clone());
-        Ok(whole)
-    }
-
-    /// With the factor at half of its memory, which takes the place of the whole one, unless nothing is gained by that.
-    fn solved(
-        &self,
-        mut x: Vec<f64>,
-        whole: impl FnOnce() -> Result<Arc<Cholesky>, Error>,
-    ) -> Result<Vec<f64>, Error> {
-        let single = self.made().single.clone();
-        if let Some(single) = single {
-            return Ok(single.solve(&x)?);
-        }
-        let whole = whole()?;
-        self.made().whole = None;
-        match SingleFactor::of(Arc::unwrap_or_clone(whole)) {
-            Ok(single) => {
-                x = single.solve(&x)?;
-                self.made().single = Some(Arc::new(single));
-            }
-            Err(whole) => {
-                whole.solve_in_place(&mut x, 1)?;
-                self.made().whole = Some(Arc::new(whole));
-            }
-        }
-        Ok(x)
-    }
+fn locked<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
+    cell.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What is in a cell, made now if it is empty.

@@ -495,6 +495,35 @@ impl<T: Scalar> SparseMatrix<T> {
         }
     }
 
+    /// Its first `n` rows and columns, or all where it has no more.
+    ///
+    /// ```
+    /// use geom_core::algebra::SparseMatrix;
+    /// let a = SparseMatrix::from_triplets(3, 3, &[(0, 0, 4.0), (0, 2, 1.0), (1, 0, 2.0), (2, 2, 3.0)])?;
+    /// let leading = a.leading(2);
+    /// assert_eq!((leading.rows(), leading.columns(), leading.entries()), (2, 2, 2));
+    /// assert_eq!(leading.get(1, 0), 2.0);
+    /// # Ok::<(), geom_core::algebra::Error>(())
+    /// ```
+    #[must_use]
+    pub fn leading(&self, n: usize) -> Self {
+        let (mut starts, mut indices, mut values) = (vec![0], Vec::new(), Vec::new());
+        for row in 0..n.min(self.rows()) {
+            // Columns ascend.
+            for (column, value) in self.row(row).take_while(|entry| entry.0 < n) {
+                indices.push(column as u32);
+                values.push(value);
+            }
+            starts.push(indices.len());
+        }
+        Self {
+            columns: n.min(self.columns),
+            starts,
+            indices,
+            values,
+        }
+    }
+
     /// `A + s B`, with the union of both patterns.
     ///
     /// # Errors

@@ -6,10 +6,24 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "what a subtree leaves is added to other columns",
         "crates/geom-core/src/algebra/cholesky/gram.rs",
-        "x[to as usize][lane] += row[at % LANES];",
-        "x[to as usize][lane] += row[lane];",
+        "rows[to as usize][lane] += row[from];",
+        "rows[to as usize][lane] += row[lane];",
     )
     .seen_by("solver::energies_of_sparse_vectors_are_those_of_solves"),
+    Fault::wrong(
+        "the first row that a column reaches in a subtree is left out",
+        "crates/geom-core/src/algebra/cholesky/gram.rs",
+        "first.min(task.own.len())",
+        "(first + 1).min(task.own.len())",
+    )
+    .seen_by("solver::energies_of_sparse_vectors_are_those_of_solves"),
+    Fault::wrong(
+        "a factor in single precision keeps the columns before they are eliminated",
+        "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
+        "fill(&mut columns)?;",
+        "fill(&mut columns.clone())?;",
+    )
+    .seen_by("solver::a_factor_in_single_precision_is_close_and_symmetric"),
     Fault::wrong(
         "of alternate locations the least occupied is kept",
         "crates/geom-core/src/io/structure/keep.rs",

@@ -37,7 +37,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
-use self::multifrontal::{Failure, Fronts};
+use self::multifrontal::{Failure, Fronts, Kept};
 pub(super) use self::real::Real;
 pub use self::single::SingleFactor;
 pub(super) use self::substitution::Sweep;
@@ -178,6 +178,25 @@ impl Symbolic {
         })
     }
 
+    /// The same at half of the memory, rounded to f32: `None` where the factor is so small that nothing is gained by it, or does
+    /// not fit f32.
+    ///
+    /// # Errors
+    /// Those of [`factor`](Self::factor).
+    pub fn factor_single(&self, matrix: &SparseMatrix<f64>) -> Result<Option<SingleFactor>, Error> {
+        let Some(plan) = &self.inner.plan else {
+            return Ok(None);
+        };
+        let values: Vec<f32> = factor_into(self, plan, matrix)?;
+        // A pivot that vanishes or is beyond f32 makes it no factor.
+        let holds = |&d: &f32| d >= f32::MIN_POSITIVE && d.is_finite();
+        let is_factor = self.pivots(&values).iter().all(holds);
+        Ok(is_factor.then(|| SingleFactor {
+            symbolic: self.clone(),
+            values,
+        }))
+    }
+
     /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
     /// L D Lᵀ (Sylvester's law of inertia). `None` when a pivot vanishes, which says that zero is an
     /// eigenvalue, or nearly so. Pivots are not exchanged, so that the answer is for shifts that keep clear of
@@ -230,7 +249,7 @@ impl Symbolic {
     }
 
     /// Refused rather than fatal: a factor may be the largest thing in a program.
-    fn zeros<T: Scalar>(&self) -> Result<Vec<T>, Error> {
+    fn zeros<T: Clone + Default>(&self) -> Result<Vec<T>, Error> {
         let entries = self.factor_entries();
         let mut values = Vec::new();
         values
@@ -317,7 +336,10 @@ fn upper_half<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Half<T>, Error> {
             entries: matrix.entries() as u128,
         });
     }
-    let (mut starts, mut indices, mut values) = (vec![0u32], Vec::new(), Vec::new());
+    // Half of the entries and of the diagonal.
+    let count = (matrix.entries() + n) / 2;
+    let mut starts = vec![0u32];
+    let (mut indices, mut values) = (Vec::with_capacity(count), Vec::with_capacity(count));
     for i in 0..n {
         for (j, a) in matrix.row(i).filter(|&(j, _)| j >= i) {
             if !a.finite() {
@@ -363,9 +385,17 @@ pub(super) fn factor_real(
     symbolic: &Symbolic,
     matrix: &SparseMatrix<f64>,
 ) -> Result<Vec<f64>, Error> {
-    let Some(plan) = &symbolic.inner.plan else {
-        return factor(symbolic, matrix);
-    };
+    match &symbolic.inner.plan {
+        Some(plan) => factor_into(symbolic, plan, matrix),
+        None => factor(symbolic, matrix),
+    }
+}
+
+fn factor_into<V: Kept>(
+    symbolic: &Symbolic,
+    plan: &Plan,
+    matrix: &SparseMatrix<f64>,
+) -> Result<Vec<V>, Error> {
     let upper = symbolic.values_of(matrix)?;
     let mut values = symbolic.zeros()?;
     let entries = values.len();

@@ -50,9 +50,9 @@ struct Front {
 type Triangle = (u32, Vec<f64>);
 
 /// A task while it is worked on.
-struct Work<'a> {
+struct Work<'a, V> {
     /// The values of its supernodes.
-    blocks: Vec<&'a mut [f64]>,
+    blocks: Vec<&'a mut [V]>,
     /// Triangles that tasks below have left for this one.
     waiting: Vec<Triangle>,
     /// Those for tasks above.
@@ -158,13 +158,13 @@ impl Fronts {
     }
 
     /// The values of the factor, into zeros.
-    pub(super) fn factor(
+    pub(super) fn factor<V: Kept>(
         &self,
         forest: &Forest,
         upper: &[f64],
-        values: &mut [f64],
+        values: &mut [V],
     ) -> Result<(), Failure> {
-        let mut works: Vec<Work<'_>> = (0..forest.tasks.len())
+        let mut works: Vec<Work<'_, V>> = (0..forest.tasks.len())
             .map(|_| Work {
                 blocks: Vec::new(),
                 waiting: Vec::new(),
@@ -199,12 +199,12 @@ impl Fronts {
     }
 
     /// The supernodes of a task in their order.
-    fn run(
+    fn run<V: Kept>(
         &self,
         forest: &Forest,
         task: usize,
         upper: &[f64],
-        work: &mut Work<'_>,
+        work: &mut Work<'_, V>,
     ) -> Result<(), Failure> {
         let Work {
             blocks,
@@ -215,21 +215,23 @@ impl Fronts {
         let mut square = Vec::new();
         for (&s, block) in forest.tasks[task].iter().zip(blocks) {
             let front = &self.fronts[s];
-            for &(entry, at) in &front.targets {
-                block[at as usize] = upper[entry as usize];
-            }
             let rows = front.height - front.width;
-            square.clear();
-            reserve(&mut square, rows * rows)?;
-            square.resize(rows * rows, 0.0);
-            for &child in &front.children {
-                if let Some(at) = waiting.iter().rposition(|w| w.0 == child) {
-                    let (_, triangle) = waiting.remove(at);
-                    self.add(child as usize, &triangle, front, block, &mut square);
+            V::filled(block, |block| {
+                for &(entry, at) in &front.targets {
+                    block[at as usize] = upper[entry as usize];
                 }
-            }
-            eliminate(block, front, &mut square)
-                .map_err(|column| Failure::Pivot(front.first + column))?;
+                square.clear();
+                reserve(&mut square, rows * rows)?;
+                square.resize(rows * rows, 0.0);
+                for &child in &front.children {
+                    if let Some(at) = waiting.iter().rposition(|w| w.0 == child) {
+                        let (_, triangle) = waiting.remove(at);
+                        self.add(child as usize, &triangle, front, block, &mut square);
+                    }
+                }
+                eliminate(block, front, &mut square)
+                    .map_err(|column| Failure::Pivot(front.first + column))
+            })?;
             if let Some(above) = forest.parents[s] {
                 let of = match forest.task_of[above] == task {
                     true => &mut *waiting,
@@ -268,6 +270,41 @@ impl Fronts {
                 target[place as usize - shift] += value;
             }
         }
+    }
+}
+
+/// What values of a factor are kept in. They are made in f64 in any case.
+pub(super) trait Kept: Copy + Default + Send {
+    /// Keeps the columns of a front, zeros that are filled.
+    fn filled(
+        own: &mut [Self],
+        fill: impl FnOnce(&mut [f64]) -> Result<(), Failure>,
+    ) -> Result<(), Failure>;
+}
+
+impl Kept for f64 {
+    fn filled(
+        own: &mut [Self],
+        fill: impl FnOnce(&mut [f64]) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        fill(own)
+    }
+}
+
+impl Kept for f32 {
+    fn filled(
+        own: &mut [Self],
+        fill: impl FnOnce(&mut [f64]) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let mut columns = Vec::new();
+        reserve(&mut columns, own.len())?;
+        columns.resize(own.len(), 0.0);
+        fill(&mut columns)?;
+        let columns = columns.into_iter();
+        own.iter_mut()
+            .zip(columns)
+            .for_each(|(own, x)| *own = x as f32);
+        Ok(())
     }
 }
 

@@ -2,56 +2,27 @@
 //! right one: what a substitution takes is reading the factor.
 
 use super::substitution::{Direction, Solved, Supernodal, Task};
-use super::{Cholesky, Plan, ROWS, Symbolic};
+use super::{Plan, ROWS, Symbolic};
 use crate::algebra::Error;
 use crate::compute::{lanes, parallel};
 
 /// Rows of a rectangle that are handled together, and terms of a sum.
 const TILE: usize = 16;
 
-/// The factor of a [`Cholesky`] rounded to f32: `(L̃ L̃ᵀ)⁻¹` with L̃ close to L. Arithmetic is in f64, so that this is
-/// one symmetric positive definite operator whatever it is applied to, which preconditioners have to be.
+/// The factor of a [`Cholesky`](super::Cholesky) rounded to f32, from [`Symbolic::factor_single`]: `(L̃ L̃ᵀ)⁻¹` with L̃ close to L.
+/// Arithmetic is in f64, so that this is one symmetric positive definite operator whatever it is applied to, which
+/// preconditioners have to be.
 #[derive(Clone, Debug)]
 pub struct SingleFactor {
-    symbolic: Symbolic,
-    /// In the places of f64 values, two in each: see [`SingleFactor::of`].
-    pairs: Vec<f64>,
+    pub(super) symbolic: Symbolic,
+    pub(super) values: Vec<f32>,
 }
 
 impl SingleFactor {
-    /// Rounds a factor where it lies, without memory of its own: a factor may be the largest thing in a program.
-    ///
-    /// # Errors
-    /// The factor as it was where it is so small that nothing is gained by it, or does not fit f32.
-    pub fn of(factor: Cholesky) -> Result<Self, Cholesky> {
-        // A pivot that vanishes or is beyond f32 makes it no factor.
-        let holds = |&d: &f64| d as f32 >= f32::MIN_POSITIVE && (d as f32).is_finite();
-        let has_supernodes = factor.symbolic.inner.plan.is_some();
-        if !has_supernodes || !factor.symbolic.pivots(&factor.values).iter().all(holds) {
-            return Err(factor);
-        }
-        let Cholesky {
-            symbolic,
-            mut values,
-        } = factor;
-        let halves: &mut [u32] = bytemuck::cast_slice_mut(&mut values);
-        for k in 0..halves.len() / 2 {
-            let value: f64 = bytemuck::cast([halves[2 * k], halves[2 * k + 1]]);
-            // At or before the place that has been read.
-            halves[k] = (value as f32).to_bits();
-        }
-        values.truncate(values.len().div_ceil(2));
-        values.shrink_to_fit();
-        Ok(Self {
-            symbolic,
-            pairs: values,
-        })
-    }
-
     /// `(L̃ L̃ᵀ)⁻¹ b`.
     ///
     /// ```
-    /// use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix};
+    /// use geom_core::algebra::{SparseMatrix, Symbolic};
     /// // Springs between neighbours on a square, and to the ground: a factor with supernodes.
     /// let n = 40u32;
     /// let at = |i: u32, j: u32| i * n + j;
@@ -66,10 +37,11 @@ impl SingleFactor {
     ///     }
     /// }
     /// let rows = (n * n) as usize;
-    /// let factor = Cholesky::of(&SparseMatrix::from_triplets(rows, rows, &entries)?)?;
+    /// let matrix = SparseMatrix::from_triplets(rows, rows, &entries)?;
+    /// let symbolic = Symbolic::of(&matrix)?;
     /// let b: Vec<f64> = (0..rows).map(|k| (k as f64).sin()).collect();
-    /// let exact = factor.solve(&b)?;
-    /// let close = SingleFactor::of(factor).expect("supernodes").solve(&b)?;
+    /// let exact = symbolic.factor(&matrix)?.solve(&b)?;
+    /// let close = symbolic.factor_single(&matrix)?.expect("supernodes").solve(&b)?;
     /// let off = exact.iter().zip(&close).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     /// assert!(off < 1e-6);
     /// # Ok::<(), geom_core::algebra::Error>(())
@@ -90,7 +62,7 @@ impl SingleFactor {
             let solved: Solved<f64, 1> = schedule.solve_by(b, 1, 0..1, |task, x, direction| {
                 lanes::vectorized(Sweep {
                     task,
-                    values: bytemuck::cast_slice(&self.pairs),
+                    values: &self.values,
                     x: x.as_flattened_mut(),
                     direction,
                 });
