@@ -17,7 +17,7 @@ use serde::Serialize;
 struct Args {
     #[command(flatten)]
     source: SourceArgs,
-    /// How many eigenpairs
+    /// How many eigenpairs, 300 at most
     #[arg(long, short = 'k', value_name = "K", default_value_t = modes::Settings::default().count, value_parser = clap::value_parser!(u32).range(1..=300))]
     count: u32,
     /// Largest relative residual

@@ -397,12 +397,13 @@ fn draw_volume(
     };
     let layers = cut_tets(mesh, &front, 0.5, &colors, SKIN);
     let mut scene = Scene::new(layers, front.turned(0.28, 0.24));
-    scene.scale = Some(scale);
     scene.legend = legend_of_regions(mesh, view);
     let shown = if mesh.regions().contains(&mesh::INTERIOR) {
+        // The bar is of the molecule's colours alone.
+        scene.scale = Some(scale);
         "cut open"
     } else {
-        "around the molecule, cut open"
+        "around the molecule, cut open; the lighter, the larger the least dihedral angle"
     };
     let tets = grouped(mesh.tets().len());
     scene.caption = Some(format!("{tets} tetrahedra, {shown}"));
