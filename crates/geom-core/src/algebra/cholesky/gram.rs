@@ -35,6 +35,22 @@ struct Left {
 }
 
 impl Left {
+    /// All but the task's own rows.
+    fn of(columns: Vec<Reaching>, groups: Vec<Group>, own: usize) -> Self {
+        let lanes = columns.into_iter().zip(0..);
+        let mut columns: Vec<(u32, u32)> = lanes.map(|(c, lane)| (c.0, lane)).collect();
+        columns.sort_unstable();
+        let reached = |mut group: Group| {
+            group.rows.drain(..own - group.from);
+            group.rows.shrink_to_fit();
+            group.rows
+        };
+        Self {
+            columns,
+            groups: groups.into_iter().map(reached).collect(),
+        }
+    }
+
     /// A column's rows, and its lane of these.
     fn column(&self, column: u32) -> Option<(&[Row], usize)> {
         let at = self.columns.binary_search_by_key(&column, |c| c.0).ok()?;
@@ -89,24 +105,6 @@ pub(super) fn inverse_gram(
         }
     }
     gram
-}
-
-impl Left {
-    /// All but the task's own rows.
-    fn of(columns: Vec<Reaching>, groups: Vec<Group>, own: usize) -> Self {
-        let lanes = columns.into_iter().zip(0..);
-        let mut columns: Vec<(u32, u32)> = lanes.map(|(c, lane)| (c.0, lane)).collect();
-        columns.sort_unstable();
-        let reached = |mut group: Group| {
-            group.rows.drain(..own - group.from);
-            group.rows.shrink_to_fit();
-            group.rows
-        };
-        Self {
-            columns,
-            groups: groups.into_iter().map(reached).collect(),
-        }
-    }
 }
 
 /// The columns that reach a task, those that do so in its first rows first: neighbours have about the same rows.
