@@ -330,11 +330,11 @@ fn a_factor_in_single_precision_is_close_and_symmetric() {
     let exact = whole.solve(&b).unwrap();
     let size = exact.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     let off = largest(&x, &exact) / size;
-    // Rounded, and by no more than that of the condition.
-    assert!(off > 1e-12 && off < 1e-4, "{off}");
+    // Rounded, by what f32 has.
+    assert!(off > 1e-9 && off < 1e-6, "{off}");
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let (one, other) = (dot(&x, &c), dot(&b, &y));
-    assert!((one - other).abs() < 1e-10 * size * n as f64);
+    assert!((one - other).abs() < 1e-15 * size * n as f64);
 
     let indefinite = matrix.map(|i, j, a| if i == j && i == 40 { -a } else { a });
     let row = |error| match error {

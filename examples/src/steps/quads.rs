@@ -171,7 +171,7 @@ fn picture(session: &Session, made: &Quadrangulation) -> Result<Image, Failure> 
     scene.caption = Some(format!(
         "{} quads, {} irregular vertices",
         products::grouped(made.mesh.quads().len()),
-        made.report.valences.irregular()
+        products::grouped(made.report.valences.irregular())
     ));
     session.show_scene("quads", &scene);
     scene.draw(session.rasterizer()?, products::SIZE)

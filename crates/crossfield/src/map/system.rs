@@ -37,16 +37,15 @@ pub(crate) struct System<'a> {
     pub(crate) charts: &'a [Chart],
     /// The wanted Jacobians: at first the field's, the identity.
     pub(crate) wanted: Vec<[[f64; 2]; 2]>,
-    patterns: Patterns,
+    patterns: Arc<Patterns>,
 }
 
 /// Patterns of matrices and the orders of their elimination, which weights do not change.
 #[derive(Default)]
 struct Patterns {
     whole: OnceLock<Symbolic>,
-    /// Of the part over the reals. Without the few integers that hang together with everything its factor has half of the
-    /// entries.
-    reals: Arc<OnceLock<Symbolic>>,
+    /// Of the part over the reals: without the integers, which hang together with everything, its factor has fewer entries.
+    reals: OnceLock<Symbolic>,
 }
 
 /// The system for one choice of weights.
@@ -58,8 +57,7 @@ pub(crate) struct Weighted<'a> {
     right: Vec<f64>,
     /// R.
     stiff: Vec<f64>,
-    symbolic: Symbolic,
-    symbolic_of_reals: Arc<OnceLock<Symbolic>>,
+    patterns: Arc<Patterns>,
     /// The factors of its part over the reals and of all of it.
     whole: [Mutex<Option<Arc<Cholesky>>>; 2],
     /// The two at half of their memory, for steps; `None` where that gains nothing.
@@ -74,7 +72,7 @@ impl<'a> System<'a> {
             seams,
             charts,
             wanted: vec![[[1.0, 0.0], [0.0, 1.0]]; charts.len()],
-            patterns: Patterns::default(),
+            patterns: Arc::default(),
         }
     }
 
@@ -103,8 +101,7 @@ impl<'a> System<'a> {
             seams: self.seams,
             right: self.right(weights),
             stiff,
-            symbolic: kept(&self.patterns.whole, || Ok(Symbolic::of(&matrix)?))?.clone(),
-            symbolic_of_reals: self.patterns.reals.clone(),
+            patterns: self.patterns.clone(),
             matrix,
             whole: Default::default(),
             single: Default::default(),
@@ -198,12 +195,15 @@ impl<'a> System<'a> {
 impl Weighted<'_> {
     /// The matrix, or its part over the reals, and its analysis.
     fn part(&self, with_integers: bool) -> Result<(&Symbolic, Cow<'_, SparseMatrix>), Error> {
-        if with_integers {
-            return Ok((&self.symbolic, Cow::Borrowed(&self.matrix)));
-        }
-        let matrix = self.matrix.leading(self.seams.reals);
-        let symbolic = kept(&self.symbolic_of_reals, || Ok(Symbolic::of(&matrix)?))?;
-        Ok((symbolic, Cow::Owned(matrix)))
+        let (cell, matrix) = match with_integers {
+            true => (&self.patterns.whole, Cow::Borrowed(&self.matrix)),
+            false => {
+                let reals = self.matrix.leading(self.seams.reals);
+                (&self.patterns.reals, Cow::Owned(reals))
+            }
+        };
+        let symbolic = kept(cell, || Ok(Symbolic::of(&*matrix)?))?;
+        Ok((symbolic, matrix))
     }
 
     /// # Errors
@@ -277,7 +277,8 @@ impl Weighted<'_> {
             true => f64::from(u8::from(i == j)),
             false => a,
         };
-        let factor = self.symbolic.factor(&self.matrix.map(own))?;
+        let (symbolic, matrix) = self.part(true)?;
+        let factor = symbolic.factor(&matrix.map(own))?;
         let w = self.minimum(&factor, &held)?;
         let integers = self.seams.reals..self.seams.unknowns();
         Ok(Holding {
