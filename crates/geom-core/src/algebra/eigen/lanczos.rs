@@ -117,7 +117,7 @@ pub(super) fn pairs(
     let mut restarts = 0;
     let mut kept = 0;
     let mut ready = 0;
-    let mut checks = Checks::new(2 * (k + 1) + 4 * block);
+    let mut checks = Checks::new(11 * k / 5 + 7 * block);
     loop {
         // The block joins the basis; its image is what the basis lacks, and how it couples.
         let at = basis.columns.count();
@@ -205,12 +205,12 @@ impl Checks {
         Self { next, last: None }
     }
 
-    /// The worst residual falls by a factor per column: most of the way to 1, and at least a block.
+    /// The worst residual falls by a factor per column, and the longer the faster: most of the way to 1, and at least a block.
     fn plan(&mut self, m: usize, block: usize, worst: f64) {
         let guess = self.last.map_or(m as f64 / 8.0, |(before, larger)| {
             let fall = (larger / worst).ln() / (m - before) as f64;
             if fall > 0.0 {
-                0.5 * worst.ln() / fall
+                0.8 * worst.ln() / fall
             } else {
                 m as f64 / 8.0
             }
