@@ -8,13 +8,16 @@
 //! Written over the unknowns alone, A would be dense where many integers add up. Instead the sums are values of their own, and
 //! what ties them to the integers are equations `C w = 0`, the closings around the nodes of the cut, with a few terms each. The
 //! factor of `A + Cᵀ R C` with large weights R is sparse, and serves for everything in which all unknowns move: its inverse,
-//! restricted to the unknowns, is that of the energy's matrix up to 1 / R. Where more digits are wanted, the method of
-//! multipliers (Hestenes 1969, Powell 1969) has them after a few substitutions.
+//! restricted to the unknowns, is that of the energy's matrix up to 1 / R. It is the largest thing in memory, and kept in single
+//! precision: enough for steps and for what integers are worth. Where more digits are wanted, the method of multipliers (Hestenes 1969,
+//! Powell 1969) has them, its steps by conjugate gradients that the factor preconditions: one iteration each, or a few.
 
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix, Symbolic};
+use geom_core::algebra::{
+    LinearMap, SingleFactor, SparseMatrix, Symbolic, conjugate_gradients, iterate,
+};
 use geom_core::compute::parallel;
 
 use super::cut::Cut;
@@ -22,10 +25,18 @@ use super::spacing::Chart;
 use super::transition::Seams;
 use crate::Error;
 
-/// How much a closing weighs, in units of the largest diagonal entry of A among its values: half of the digits.
-const STIFF: f64 = (1u64 << 20) as f64;
-/// Substitutions of the method of multipliers. Each gains about six digits.
+/// How much a closing weighs, in units of the largest diagonal entry of A among its values: what integers are worth is off by less
+/// than a tenth of its inverse, and single precision has room for it.
+const STIFF: f64 = (1u64 << 12) as f64;
+/// Steps of the method of multipliers. Each gains about four digits.
 const MULTIPLIERS: usize = 4;
+/// Conjugate gradients within a step.
+const WITHIN: iterate::Options = iterate::Options {
+    tolerance: 1e-5,
+    max_iterations: 20,
+};
+/// A step, as a share of the largest value, after which none is worth taking.
+const SETTLED: f64 = 1e-8;
 
 /// `½ wᵀ A w − bᵀ w` under `C w = 0`.
 pub(crate) struct System<'a> {
@@ -59,9 +70,7 @@ pub(crate) struct Weighted<'a> {
     stiff: Vec<f64>,
     patterns: Arc<Patterns>,
     /// The factors of its part over the reals and of all of it.
-    whole: [Mutex<Option<Arc<Cholesky>>>; 2],
-    /// The two at half of their memory, for steps; `None` where that gains nothing.
-    single: [OnceLock<Option<SingleFactor>>; 2],
+    factors: [Mutex<Option<Arc<SingleFactor>>>; 2],
 }
 
 impl<'a> System<'a> {
@@ -103,8 +112,7 @@ impl<'a> System<'a> {
             stiff,
             patterns: self.patterns.clone(),
             matrix,
-            whole: Default::default(),
-            single: Default::default(),
+            factors: Default::default(),
         })
     }
 
@@ -208,51 +216,34 @@ impl Weighted<'_> {
 
     /// # Errors
     /// [`Error::Matrix`] if the matrix is not positive definite: the map could be shifted or a part of it hangs on nothing.
-    fn factor(&self, with_integers: bool) -> Result<Arc<Cholesky>, Error> {
-        let kept = || locked(&self.whole[usize::from(with_integers)]);
+    fn factor(&self, with_integers: bool) -> Result<Arc<SingleFactor>, Error> {
+        let kept = || locked(&self.factors[usize::from(with_integers)]);
         if let Some(factor) = kept().clone() {
             return Ok(factor);
         }
         let (symbolic, matrix) = self.part(with_integers)?;
-        let factor = Arc::new(symbolic.factor(&matrix)?);
+        let factor = Arc::new(symbolic.factor_single(&matrix)?);
         *kept() = Some(factor.clone());
         Ok(factor)
     }
 
     /// From now on integers are held: the factor in which they move is large, and not needed any more.
     pub(crate) fn forget_free(&mut self) {
-        self.forget(true);
+        *locked(&self.factors[1]) = None;
     }
 
     /// The same of the factor in which the integers are held, until it is asked for again.
     pub(crate) fn forget_held(&mut self) {
-        self.forget(false);
-    }
-
-    fn forget(&mut self, with_integers: bool) {
-        let which = usize::from(with_integers);
-        *locked(&self.whole[which]) = None;
-        self.single[which] = OnceLock::new();
+        *locked(&self.factors[0]) = None;
     }
 
     /// `A⁻¹ g` over the unknowns that move, for a gradient with respect to them: all of them, or the reals alone. It bends steps
-    /// and need not be exact: up to `1 / R`, and with the factor in single precision.
+    /// and need not be exact: up to `1 / R`, and what single precision has.
     pub(crate) fn inverse(&self, gradient: &[f64], with_integers: bool) -> Result<Vec<f64>, Error> {
-        let which = usize::from(with_integers);
-        let single = kept(&self.single[which], || {
-            // It takes the place of the whole one.
-            *locked(&self.whole[which]) = None;
-            let (symbolic, matrix) = self.part(with_integers)?;
-            Ok(symbolic.factor_single(&matrix)?)
-        })?;
+        let factor = self.factor(with_integers)?;
         let mut x = gradient.to_vec();
-        if with_integers {
-            x.resize(self.seams.values(), 0.0);
-        }
-        match single {
-            Some(single) => x = single.solve(&x)?,
-            None => self.factor(with_integers)?.solve_in_place(&mut x, 1)?,
-        }
+        x.resize(factor.rows(), 0.0);
+        x = factor.solve(&x)?;
         x.truncate(gradient.len());
         Ok(x)
     }
@@ -278,7 +269,7 @@ impl Weighted<'_> {
             false => a,
         };
         let (symbolic, matrix) = self.part(true)?;
-        let factor = symbolic.factor(&matrix.map(own))?;
+        let factor = symbolic.factor_single(&matrix.map(own))?;
         let w = self.minimum(&factor, &held)?;
         let integers = self.seams.reals..self.seams.unknowns();
         Ok(Holding {
@@ -290,34 +281,36 @@ impl Weighted<'_> {
 
     /// The values at the minimum under the closings, those that are held where they are; `factor` is that of the others, which are
     /// the first values if it has fewer rows.
-    fn minimum(&self, factor: &Cholesky, held: &[Option<f64>]) -> Result<Vec<f64>, Error> {
+    fn minimum(&self, factor: &SingleFactor, held: &[Option<f64>]) -> Result<Vec<f64>, Error> {
         let closings = &self.seams.closings;
-        let mut right = self.right.clone();
-        for (i, right) in right.iter_mut().enumerate() {
-            let others = self.matrix.row(i).filter_map(|(j, a)| Some(a * held[j]?));
-            *right -= others.sum::<f64>();
-        }
         // Closings of what is held hold by themselves.
         let is_open = |&row: &usize| closings.row(row).any(|(k, _)| held[k].is_none());
         let open: Vec<usize> = (0..closings.len()).filter(is_open).collect();
         let mut multipliers = vec![0.0; open.len()];
-        let mut w = Vec::new();
+        let mut w: Vec<f64> = held.iter().map(|held| held.unwrap_or(0.0)).collect();
+        let moving = Moving {
+            matrix: &self.matrix,
+            held: &held[..factor.rows()],
+        };
         for _ in 0..MULTIPLIERS {
-            w.clone_from(&right);
+            let mut missing = self.matrix.multiply(&w, 1);
+            for (missing, right) in missing.iter_mut().zip(&self.right) {
+                *missing = right - *missing;
+            }
             for (&row, multiplier) in open.iter().zip(&multipliers) {
                 for (k, c) in closings.row(row) {
-                    w[k] -= f64::from(c) * multiplier;
+                    missing[k] -= f64::from(c) * multiplier;
                 }
             }
-            for (w, held) in w.iter_mut().zip(held) {
-                *w = held.unwrap_or(*w);
-            }
-            factor.solve_in_place(&mut w[..factor.rows()], 1)?;
+            missing.truncate(factor.rows());
+            moving.hold(&mut missing, 1);
+            let step = conjugate_gradients(&moving, factor, &missing, 1, &WITHIN)?;
+            w.iter_mut().zip(&step.values).for_each(|(w, s)| *w += s);
             for (&row, multiplier) in open.iter().zip(&mut multipliers) {
                 let gap: f64 = closings.row(row).map(|(k, c)| f64::from(c) * w[k]).sum();
                 *multiplier += self.stiff[row] * gap;
             }
-            if open.is_empty() {
+            if largest(&step.values) <= SETTLED * largest(&w) {
                 break;
             }
         }
@@ -332,15 +325,14 @@ impl Weighted<'_> {
     /// elimination tree an integer meets few of the reals: far less than a substitution per integer.
     pub(crate) fn inverse_schur(&self) -> Result<Vec<f64>, Error> {
         let integers = self.seams.reals..self.seams.unknowns();
-        let units: Vec<Vec<(usize, f64)>> = integers.map(|k| vec![(k, 1.0)]).collect();
-        Ok(self.factor(true)?.inverse_gram(&units)?)
+        inverse_of(&*self.factor(true)?, integers)
     }
 }
 
 /// A minimum while some integers are held.
 pub(crate) struct Holding {
     /// Of what is not held.
-    factor: Cholesky,
+    factor: SingleFactor,
     /// The number of the first integer among all values.
     first: usize,
     /// All of them, at the minimum.
@@ -350,10 +342,50 @@ pub(crate) struct Holding {
 impl Holding {
     /// What [`Weighted::inverse_schur`] is for a few integers that are not held, all others that are not following.
     pub(crate) fn inverse_schur(&self, integers: &[usize]) -> Result<Vec<f64>, Error> {
-        let unit = |&k: &usize| vec![(self.first + k, 1.0)];
-        let units: Vec<Vec<(usize, f64)>> = integers.iter().map(unit).collect();
-        Ok(self.factor.inverse_gram(&units)?)
+        inverse_of(&self.factor, integers.iter().map(|k| self.first + k))
     }
+}
+
+/// A matrix over the first values, those that are held left out.
+struct Moving<'a> {
+    matrix: &'a SparseMatrix,
+    held: &'a [Option<f64>],
+}
+
+impl Moving<'_> {
+    fn hold(&self, x: &mut [f64], columns: usize) {
+        for (x, held) in x.chunks_exact_mut(columns).zip(self.held) {
+            if held.is_some() {
+                x.fill(0.0);
+            }
+        }
+    }
+}
+
+impl LinearMap<f64> for Moving<'_> {
+    fn shape(&self) -> [usize; 2] {
+        [self.held.len(); 2]
+    }
+
+    /// Of a vector that is zero where values are held.
+    fn multiply(&self, x: &[f64], columns: usize) -> Vec<f64> {
+        let mut whole = x.to_vec();
+        whole.resize(self.matrix.rows() * columns, 0.0);
+        let mut image = self.matrix.multiply(&whole, columns);
+        image.truncate(x.len());
+        self.hold(&mut image, columns);
+        image
+    }
+}
+
+/// The part of the inverse that belongs to some rows, row after row.
+fn inverse_of(factor: &SingleFactor, rows: impl Iterator<Item = usize>) -> Result<Vec<f64>, Error> {
+    let units: Vec<Vec<(usize, f64)>> = rows.map(|k| vec![(k, 1.0)]).collect();
+    Ok(factor.inverse_gram(&units)?)
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, x| f64::max(most, x.abs()))
 }
 
 fn locked<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {

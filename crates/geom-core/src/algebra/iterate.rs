@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::{Cholesky, Error, Scalar, SparseMatrix};
+use super::{Cholesky, Error, Scalar, SingleFactor, SparseMatrix};
 use crate::options::require;
 
 /// Rows per task.
@@ -50,6 +50,26 @@ impl Options {
     }
 }
 
+/// What [`conjugate_gradients`] multiplies with: symmetric (Hermitian) and positive definite. A matrix, or a part of one that is not
+/// made for it.
+pub trait LinearMap<T: Scalar> {
+    /// Rows and columns.
+    fn shape(&self) -> [usize; 2];
+
+    /// Its product with a block of `columns` vectors.
+    fn multiply(&self, block: &[T], columns: usize) -> Vec<T>;
+}
+
+impl<T: Scalar> LinearMap<T> for SparseMatrix<T> {
+    fn shape(&self) -> [usize; 2] {
+        [self.rows(), self.columns()]
+    }
+
+    fn multiply(&self, block: &[T], columns: usize) -> Vec<T> {
+        SparseMatrix::multiply(self, block, columns)
+    }
+}
+
 /// What [`conjugate_gradients`] applies to a residual in place of the inverse of the matrix: positive definite, and easy to
 /// apply. It must be the same linear map each time, and symmetric (Hermitian): a cycle of multigrid is, most sweeps
 /// from first to last row are not.
@@ -71,6 +91,21 @@ impl<T: Scalar> Preconditioner<T> for Cholesky<T> {
 
     fn apply(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
         self.solve_in_place(block, columns)
+    }
+}
+
+impl Preconditioner<f64> for SingleFactor {
+    fn rows(&self) -> usize {
+        SingleFactor::rows(self)
+    }
+
+    fn apply(&self, block: &mut [f64], columns: usize) -> Result<(), Error> {
+        for j in 0..columns {
+            let b: Vec<f64> = block.iter().skip(j).step_by(columns).copied().collect();
+            let places = block.iter_mut().skip(j).step_by(columns);
+            places.zip(self.solve(&b)?).for_each(|(x, y)| *x = y);
+        }
+        Ok(())
     }
 }
 
@@ -202,7 +237,7 @@ pub fn refine<T: Scalar>(
 /// at once; the number of iterations grows with the root of the condition number of the preconditioned matrix. Other
 /// errors are those of [`refine`].
 pub fn conjugate_gradients<T: Scalar>(
-    matrix: &SparseMatrix<T>,
+    matrix: &(impl LinearMap<T> + ?Sized),
     preconditioner: &(impl Preconditioner<T> + ?Sized),
     block: &[T],
     columns: usize,
@@ -227,7 +262,7 @@ pub fn conjugate_gradients<T: Scalar>(
             (0..columns).find(|&j| open[j] && (curvature[j] <= 0.0 || curvature[j].is_nan()))
         {
             let entry = |i: usize| p[i * columns + j].norm_squared();
-            let row = crate::compute::parallel::argmax(matrix.rows(), entry).map_or(0, |m| m.0);
+            let row = crate::compute::parallel::argmax(matrix.shape()[0], entry).map_or(0, |m| m.0);
             return Err(Error::NotPositiveDefinite { row });
         }
         // Columns that are done stand still, while the others go on with one product for all.
@@ -261,7 +296,7 @@ pub fn conjugate_gradients<T: Scalar>(
 
 /// Refuses what does not fit together; the norms of the right-hand sides.
 fn start<T: Scalar>(
-    matrix: &SparseMatrix<T>,
+    matrix: &(impl LinearMap<T> + ?Sized),
     preconditioner: &(impl Preconditioner<T> + ?Sized),
     block: &[T],
     columns: usize,
@@ -279,7 +314,7 @@ fn start<T: Scalar>(
 
 /// `B − A X`, and the norm of each of its columns as a share of that of B.
 fn missing<T: Scalar>(
-    matrix: &SparseMatrix<T>,
+    matrix: &(impl LinearMap<T> + ?Sized),
     x: &[T],
     block: &[T],
     sizes: &[f64],
@@ -292,12 +327,12 @@ fn missing<T: Scalar>(
 
 /// A square matrix of as many rows as the preconditioner, and a finite block of as many.
 fn check_sizes<T: Scalar>(
-    matrix: &SparseMatrix<T>,
+    matrix: &(impl LinearMap<T> + ?Sized),
     rows: usize,
     block: &[T],
     columns: usize,
 ) -> Result<(), Error> {
-    for found in [matrix.rows(), matrix.columns()] {
+    for found in matrix.shape() {
         if found != rows {
             return Err(Error::Shape {
                 what: "the matrix that goes with a factor",
@@ -306,7 +341,7 @@ fn check_sizes<T: Scalar>(
             });
         }
     }
-    let (found, expected) = (block.len(), matrix.rows() * columns);
+    let (found, expected) = (block.len(), rows * columns);
     if found != expected {
         return Err(Error::RightHandSide { found, expected });
     }

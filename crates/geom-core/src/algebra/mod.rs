@@ -31,7 +31,7 @@ mod tall;
 #[doc(hidden)]
 pub use cholesky::substitution;
 pub use cholesky::{Cholesky, SingleFactor, Symbolic};
-pub use iterate::{Jacobi, Preconditioner, Solution, conjugate_gradients, refine};
+pub use iterate::{Jacobi, LinearMap, Preconditioner, Solution, conjugate_gradients, refine};
 pub use mass::Mass;
 pub use operator::Operator;
 pub use sparse::{Scalar, SparseMatrix};

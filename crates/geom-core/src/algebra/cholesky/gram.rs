@@ -5,9 +5,11 @@
 //! substitution eliminates its rows for the columns that reach it, adds their products to the result, and leaves the task above
 //! what is to be subtracted there. So memory is that of the result and of the rows of a few tasks.
 
-use super::substitution::{Direction, Schedule, run};
+use super::multifrontal::Kept;
+use super::real::Forward;
+use super::substitution::Schedule;
 use crate::algebra::tall::{self, Tall};
-use crate::compute::parallel;
+use crate::compute::{lanes, parallel};
 
 /// Columns that go side by side.
 const LANES: usize = 8;
@@ -60,9 +62,9 @@ impl Left {
 }
 
 /// `Bᵀ A⁻¹ B`, row after row and into zeros, with the values of the factor of A.
-pub(super) fn inverse_gram(
+pub(super) fn inverse_gram<V: Kept>(
     schedule: &Schedule,
-    values: &[f64],
+    values: &[V],
     columns: &[Vec<(usize, f64)>],
     mut gram: Vec<f64>,
 ) -> Vec<f64> {
@@ -129,9 +131,9 @@ fn reaching(
 }
 
 /// The rows of a task for some of the columns that reach it, those of its own eliminated.
-fn eliminated(
+fn eliminated<V: Kept>(
     schedule: &Schedule,
-    values: &[f64],
+    values: &[V],
     (t, group): (usize, &[Reaching]),
     entries: &[(u32, u32, f64)],
     left: &[Left],
@@ -155,7 +157,11 @@ fn eliminated(
             }
         }
     }
-    run(task, values, &mut rows, Direction::Down);
+    lanes::vectorized(Forward {
+        task,
+        values,
+        x: &mut rows,
+    });
     let first = group.iter().map(|c| c.1 as usize).min();
     let from = first.map_or(0, |first| first.min(task.own.len()));
     rows.drain(..from);

@@ -178,23 +178,24 @@ impl Symbolic {
         })
     }
 
-    /// The same at half of the memory, rounded to f32: `None` where the factor is so small that nothing is gained by it, or does
-    /// not fit f32.
+    /// The same at half of the memory, rounded to f32; as it is where it is so small that nothing is gained by it, or does not fit f32.
     ///
     /// # Errors
     /// Those of [`factor`](Self::factor).
-    pub fn factor_single(&self, matrix: &SparseMatrix<f64>) -> Result<Option<SingleFactor>, Error> {
-        let Some(plan) = &self.inner.plan else {
-            return Ok(None);
-        };
-        let values: Vec<f32> = factor_into(self, plan, matrix)?;
-        // A pivot that vanishes or is beyond f32 makes it no factor.
-        let holds = |&d: &f32| d >= f32::MIN_POSITIVE && d.is_finite();
-        let is_factor = self.pivots(&values).iter().all(holds);
-        Ok(is_factor.then(|| SingleFactor {
-            symbolic: self.clone(),
-            values,
-        }))
+    pub fn factor_single(&self, matrix: &SparseMatrix<f64>) -> Result<SingleFactor, Error> {
+        if let Some(plan) = &self.inner.plan {
+            // A pivot that vanishes or is beyond f32 makes it no factor, and rounding may bring one to that.
+            let holds = |&d: &f32| d >= f32::MIN_POSITIVE && d.is_finite();
+            match factor_into::<f32>(self, plan, matrix) {
+                Ok(values) if self.pivots(&values).iter().all(holds) => {
+                    let symbolic = self.clone();
+                    return Ok(SingleFactor(single::Kept::Rounded { symbolic, values }));
+                }
+                Ok(_) | Err(Error::NotPositiveDefinite { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(SingleFactor(single::Kept::Whole(self.factor(matrix)?)))
     }
 
     /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
@@ -245,6 +246,37 @@ impl Symbolic {
                 })
                 .map(|at| values[at])
                 .collect(),
+        }
+    }
+
+    /// [`Cholesky::inverse_gram`] with the values of a factor that has supernodes, as they are kept.
+    fn inverse_gram<V: Kept>(
+        &self,
+        values: &[V],
+        columns: &[Vec<(usize, f64)>],
+    ) -> Result<Vec<f64>, Error> {
+        self.check_rows(columns)?;
+        let entries = columns.len().saturating_mul(columns.len());
+        let mut gram = Vec::new();
+        gram.try_reserve_exact(entries)
+            .map_err(|_| Error::OutOfMemory { entries })?;
+        let Some(Plan { schedule, .. }) = &self.inner.plan else {
+            return Ok(gram);
+        };
+        gram.resize(entries, 0.0);
+        Ok(gram::inverse_gram(schedule, values, columns, gram))
+    }
+
+    fn check_rows(&self, vectors: &[Vec<(usize, f64)>]) -> Result<(), Error> {
+        let n = self.rows();
+        match vectors.iter().flatten().find(|entry| entry.0 >= n) {
+            None => Ok(()),
+            Some(&(row, _)) => Err(Error::OutOfRange {
+                row,
+                column: row,
+                rows: n,
+                columns: n,
+            }),
         }
     }
 
@@ -515,7 +547,7 @@ impl Cholesky {
     /// # Errors
     /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
     pub fn inverse_energies(&self, vectors: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
-        self.check_rows(vectors)?;
+        self.symbolic.check_rows(vectors)?;
         let Some(Plan { schedule, .. }) = &self.symbolic.inner.plan else {
             return vectors.iter().map(|b| self.inverse_energy(b)).collect();
         };
@@ -549,33 +581,16 @@ impl Cholesky {
     /// # Errors
     /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
     pub fn inverse_gram(&self, columns: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
-        self.check_rows(columns)?;
-        let entries = columns.len().saturating_mul(columns.len());
-        let mut gram = Vec::new();
-        gram.try_reserve_exact(entries)
-            .map_err(|_| Error::OutOfMemory { entries })?;
-        if let Some(Plan { schedule, .. }) = &self.symbolic.inner.plan {
-            gram.resize(entries, 0.0);
-            return Ok(gram::inverse_gram(schedule, &self.values, columns, gram));
+        if self.symbolic.inner.plan.is_some() {
+            return self.symbolic.inverse_gram(&self.values, columns);
         }
+        self.symbolic.check_rows(columns)?;
+        let mut gram = Vec::with_capacity(columns.len() * columns.len());
         for b in columns {
             let x = self.solve_sparse(b)?;
             gram.extend(columns.iter().map(|c| dot(c, &x)));
         }
         Ok(gram)
-    }
-
-    fn check_rows(&self, vectors: &[Vec<(usize, f64)>]) -> Result<(), Error> {
-        let n = self.rows();
-        match vectors.iter().flatten().find(|entry| entry.0 >= n) {
-            None => Ok(()),
-            Some(&(row, _)) => Err(Error::OutOfRange {
-                row,
-                column: row,
-                rows: n,
-                columns: n,
-            }),
-        }
     }
 
     /// By solving for it: without supernodes.

@@ -273,8 +273,9 @@ impl Fronts {
     }
 }
 
-/// What values of a factor are kept in. They are made in f64 in any case.
-pub(super) trait Kept: Copy + Default + Send {
+/// What values of a factor are kept in. They are made in f64 in any case, and what waits for the front above is: sums over many
+/// fronts that nearly cancel are what decides whether a pivot is positive.
+pub(super) trait Kept: Copy + Default + Send + Sync + Into<f64> {
     /// Keeps the columns of a front, zeros that are filled.
     fn filled(
         own: &mut [Self],

@@ -6,7 +6,8 @@
 
 use std::ops::Range;
 
-use super::substitution::{Direction, Supernodal, Sweep};
+use super::multifrontal::Kept;
+use super::substitution::{Direction, Supernodal, Sweep, Task};
 use crate::compute::lanes::{Simd, WithSimd};
 
 /// Columns of a triangle that are handled together: what they change is read and written once.
@@ -21,51 +22,85 @@ impl<const C: usize> WithSimd for Real<'_, C> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match (C, S::F64_LANES) {
-            (8, 8) => self.wide::<S, 1, 8>(simd),
-            (8, 4) => self.wide::<S, 2, 4>(simd),
-            (8, 2) => self.wide::<S, 4, 2>(simd),
+            (8, _) => {
+                let Sweep {
+                    task,
+                    values,
+                    x,
+                    direction,
+                } = self.0;
+                let x = x.as_flattened_mut();
+                eight(simd, (task, values), x, direction);
+            }
             (1, 2..) => self.single(simd),
             _ => self.0.with_simd(simd),
         }
     }
 }
 
-impl<const C: usize> Real<'_, C> {
-    /// With the right-hand sides of a row in `R` registers, and the sums of `T` rows or columns in others.
+/// The sweep down for eight right-hand sides, with values as they are kept.
+pub(super) struct Forward<'a, V> {
+    pub(super) task: &'a Task,
+    pub(super) values: &'a [V],
+    pub(super) x: &'a mut [[f64; 8]],
+}
+
+impl<V: Kept> WithSimd for Forward<'_, V> {
+    type Output = ();
+
     #[inline(always)]
-    fn wide<S: Simd, const R: usize, const T: usize>(self, simd: S) {
-        let wide = Wide::<S, R, T> { simd };
-        let Sweep {
-            task,
-            values,
-            x,
-            direction,
-        } = self.0;
-        let x = S::as_mut_simd_f64s(x.as_flattened_mut()).0;
-        let (x, _) = x.as_chunks_mut::<R>();
-        let supernodes = task.supernodes();
-        if direction == Direction::Down {
-            for s in supernodes {
-                let (head, below) = x.split_at_mut(s.columns.end);
-                let own = &mut head[s.columns.clone()];
-                // Of sparse right-hand sides most is zero still.
-                let numbers: &[f64] = bytemuck::cast_slice(own.as_flattened());
-                if numbers.iter().any(|&x| x != 0.0) {
-                    wide.forward(&Trapezoid::of(&s, values), own, below);
-                }
-            }
-        } else {
-            for s in supernodes.rev() {
-                let (head, below) = x.split_at_mut(s.columns.end);
-                wide.backward(
-                    &Trapezoid::of(&s, values),
-                    &mut head[s.columns.clone()],
-                    below,
-                );
+    fn with_simd<S: Simd>(self, simd: S) {
+        let factor = (self.task, self.values);
+        eight(simd, factor, self.x.as_flattened_mut(), Direction::Down);
+    }
+}
+
+/// With the eight of a row in as many registers as they need.
+#[inline(always)]
+fn eight<S: Simd, V: Kept>(simd: S, factor: (&Task, &[V]), x: &mut [f64], direction: Direction) {
+    match S::F64_LANES {
+        8 => wide::<S, V, 1, 8>(simd, factor, x, direction),
+        4 => wide::<S, V, 2, 4>(simd, factor, x, direction),
+        2 => wide::<S, V, 4, 2>(simd, factor, x, direction),
+        _ => wide::<S, V, 8, 1>(simd, factor, x, direction),
+    }
+}
+
+/// With the right-hand sides of a row in `R` registers, and the sums of `T` rows or columns in others.
+#[inline(always)]
+fn wide<S: Simd, V: Kept, const R: usize, const T: usize>(
+    simd: S,
+    (task, values): (&Task, &[V]),
+    x: &mut [f64],
+    direction: Direction,
+) {
+    let wide = Wide::<S, R, T> { simd };
+    let x = S::as_mut_simd_f64s(x).0;
+    let (x, _) = x.as_chunks_mut::<R>();
+    let supernodes = task.supernodes();
+    if direction == Direction::Down {
+        for s in supernodes {
+            let (head, below) = x.split_at_mut(s.columns.end);
+            let own = &mut head[s.columns.clone()];
+            // Of sparse right-hand sides most is zero still.
+            let numbers: &[f64] = bytemuck::cast_slice(own.as_flattened());
+            if numbers.iter().any(|&x| x != 0.0) {
+                wide.forward(&Trapezoid::of(&s, values), own, below);
             }
         }
+    } else {
+        for s in supernodes.rev() {
+            let (head, below) = x.split_at_mut(s.columns.end);
+            wide.backward(
+                &Trapezoid::of(&s, values),
+                &mut head[s.columns.clone()],
+                below,
+            );
+        }
     }
+}
 
+impl<const C: usize> Real<'_, C> {
     /// With a register of rows, or of terms.
     #[inline(always)]
     fn single<S: Simd>(self, simd: S) {
@@ -104,8 +139,8 @@ impl<const C: usize> Real<'_, C> {
 }
 
 /// A supernode's values: columns of one height, a triangle over a rectangle.
-struct Trapezoid<'a> {
-    values: &'a [f64],
+struct Trapezoid<'a, V = f64> {
+    values: &'a [V],
     width: usize,
     height: usize,
     /// The unknowns of the rectangle's rows, and the number of the first one below the supernode's own.
@@ -113,9 +148,9 @@ struct Trapezoid<'a> {
     end: usize,
 }
 
-impl<'a> Trapezoid<'a> {
+impl<'a, V> Trapezoid<'a, V> {
     #[inline(always)]
-    fn of(s: &Supernodal<'a>, values: &'a [f64]) -> Self {
+    fn of(s: &Supernodal<'a>, values: &'a [V]) -> Self {
         let width = s.columns.len();
         Self {
             values: &values[s.values.clone()],
@@ -127,14 +162,14 @@ impl<'a> Trapezoid<'a> {
     }
 
     #[inline(always)]
-    fn column(&self, c: usize) -> &'a [f64] {
+    fn column(&self, c: usize) -> &'a [V] {
         &self.values[c * self.height..][..self.height]
     }
 
     /// Some rows of `N` columns.
     #[inline(always)]
-    fn several<const N: usize>(&self, c: usize, rows: Range<usize>) -> [&'a [f64]; N] {
-        let mut columns: [&[f64]; N] = [&[]; N];
+    fn several<const N: usize>(&self, c: usize, rows: Range<usize>) -> [&'a [V]; N] {
+        let mut columns: [&[V]; N] = [&[]; N];
         for (k, column) in columns.iter_mut().enumerate() {
             *column = &self.column(c + k)[rows.clone()];
         }
@@ -151,8 +186,8 @@ struct Wide<S, const R: usize, const T: usize> {
 impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
     /// `sum + l · x`.
     #[inline(always)]
-    fn add(self, mut sum: [S::f64s; R], l: f64, x: [S::f64s; R]) -> [S::f64s; R] {
-        let l = self.simd.splat_f64s(l);
+    fn add(self, mut sum: [S::f64s; R], l: impl Kept, x: [S::f64s; R]) -> [S::f64s; R] {
+        let l = self.simd.splat_f64s(l.into());
         for r in 0..R {
             sum[r] = self.simd.mul_add_e_f64s(l, x[r], sum[r]);
         }
@@ -183,14 +218,19 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
 
     /// Solves with the triangle, then takes the product of the rectangle off the rows below.
     #[inline(always)]
-    fn forward(self, l: &Trapezoid<'_>, own: &mut [[S::f64s; R]], below: &mut [[S::f64s; R]]) {
+    fn forward<V: Kept>(
+        self,
+        l: &Trapezoid<'_, V>,
+        own: &mut [[S::f64s; R]],
+        below: &mut [[S::f64s; R]],
+    ) {
         let width = l.width;
         let mut c = 0;
         while c < width {
             let block = BLOCK.min(width - c);
             for k in c..c + block {
                 let column = &l.column(k)[..width];
-                let solved = self.scaled(own[k], 1.0 / column[k]);
+                let solved = self.scaled(own[k], 1.0 / column[k].into());
                 own[k] = solved;
                 let minus = self.scaled(solved, -1.0);
                 for row in k + 1..c + block {
@@ -242,7 +282,12 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
 
     /// First the product of the rectangle's transpose with the rows below, then the triangle from its last columns up.
     #[inline(always)]
-    fn backward(self, l: &Trapezoid<'_>, own: &mut [[S::f64s; R]], below: &[[S::f64s; R]]) {
+    fn backward<V: Kept>(
+        self,
+        l: &Trapezoid<'_, V>,
+        own: &mut [[S::f64s; R]],
+        below: &[[S::f64s; R]],
+    ) {
         let width = l.width;
         let mut c = 0;
         while c + T <= width {
@@ -294,7 +339,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
                 for row in k + 1..end {
                     sum = self.add(sum, column[row], own[row]);
                 }
-                own[k] = self.scaled(self.minus(own[k], sum), 1.0 / column[k]);
+                own[k] = self.scaled(self.minus(own[k], sum), 1.0 / column[k].into());
             }
             end = first;
         }

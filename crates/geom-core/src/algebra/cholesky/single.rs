@@ -2,20 +2,27 @@
 //! right one: what a substitution takes is reading the factor.
 
 use super::substitution::{Direction, Solved, Supernodal, Task};
-use super::{Plan, ROWS, Symbolic};
+use super::{Cholesky, Plan, ROWS, Symbolic};
 use crate::algebra::Error;
 use crate::compute::{lanes, parallel};
 
 /// Rows of a rectangle that are handled together, and terms of a sum.
 const TILE: usize = 16;
 
-/// The factor of a [`Cholesky`](super::Cholesky) rounded to f32, from [`Symbolic::factor_single`]: `(L̃ L̃ᵀ)⁻¹` with L̃ close to L.
-/// Arithmetic is in f64, so that this is one symmetric positive definite operator whatever it is applied to, which
-/// preconditioners have to be.
+/// The factor of a [`Cholesky`] rounded to f32, from [`Symbolic::factor_single`]: `(L̃ L̃ᵀ)⁻¹` with L̃ close to L. Arithmetic is in
+/// f64, so that this is one symmetric positive definite operator whatever it is applied to, which preconditioners have to be.
 #[derive(Clone, Debug)]
-pub struct SingleFactor {
-    pub(super) symbolic: Symbolic,
-    pub(super) values: Vec<f32>,
+pub struct SingleFactor(pub(super) Kept);
+
+#[derive(Clone, Debug)]
+pub(super) enum Kept {
+    /// With supernodes.
+    Rounded {
+        symbolic: Symbolic,
+        values: Vec<f32>,
+    },
+    /// What rounding would gain nothing for, or what does not fit f32.
+    Whole(Cholesky),
 }
 
 impl SingleFactor {
@@ -41,7 +48,7 @@ impl SingleFactor {
     /// let symbolic = Symbolic::of(&matrix)?;
     /// let b: Vec<f64> = (0..rows).map(|k| (k as f64).sin()).collect();
     /// let exact = symbolic.factor(&matrix)?.solve(&b)?;
-    /// let close = symbolic.factor_single(&matrix)?.expect("supernodes").solve(&b)?;
+    /// let close = symbolic.factor_single(&matrix)?.solve(&b)?;
     /// let off = exact.iter().zip(&close).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     /// assert!(off < 1e-6);
     /// # Ok::<(), geom_core::algebra::Error>(())
@@ -50,19 +57,23 @@ impl SingleFactor {
     /// # Errors
     /// [`Error::RightHandSide`] for another number of values.
     pub fn solve(&self, b: &[f64]) -> Result<Vec<f64>, Error> {
-        let (found, expected) = (b.len(), self.symbolic.rows());
+        let (symbolic, values) = match &self.0 {
+            Kept::Rounded { symbolic, values } => (symbolic, values),
+            Kept::Whole(factor) => return factor.solve(b),
+        };
+        let (found, expected) = (b.len(), symbolic.rows());
         if found != expected {
             return Err(Error::RightHandSide { found, expected });
         }
         let mut x = vec![0.0; expected];
-        let Some(Plan { schedule, .. }) = &self.symbolic.inner.plan else {
+        let Some(Plan { schedule, .. }) = &symbolic.inner.plan else {
             return Ok(x);
         };
         parallel::inside(|| {
             let solved: Solved<f64, 1> = schedule.solve_by(b, 1, 0..1, |task, x, direction| {
                 lanes::vectorized(Sweep {
                     task,
-                    values: &self.values,
+                    values,
                     x: x.as_flattened_mut(),
                     direction,
                 });
@@ -74,6 +85,25 @@ impl SingleFactor {
             });
         });
         Ok(x)
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        match &self.0 {
+            Kept::Rounded { symbolic, .. } => symbolic.rows(),
+            Kept::Whole(factor) => factor.rows(),
+        }
+    }
+
+    /// `Bᵀ (L̃ L̃ᵀ)⁻¹ B`: [`Cholesky::inverse_gram`] with this factor.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
+    pub fn inverse_gram(&self, columns: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
+        match &self.0 {
+            Kept::Rounded { symbolic, values } => symbolic.inverse_gram(values, columns),
+            Kept::Whole(factor) => factor.inverse_gram(columns),
+        }
     }
 }
 
