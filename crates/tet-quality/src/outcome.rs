@@ -16,7 +16,7 @@ pub struct Pass {
     pub moved: usize,
     /// Moves of vertices on the isosurface.
     pub slid: usize,
-    /// Moves of vertices back to the isosurface.
+    /// Moves of vertices back to the isosurface, and of those where a plane wall meets it to both.
     pub projected: usize,
     /// Edges removed.
     pub edges_removed: usize,
@@ -72,7 +72,8 @@ pub struct Report {
     pub crossings: Crossings,
     /// How well the surface vertices lie on the isosurface.
     pub surface: SurfaceFit,
-    /// Vertices of the input around which the interface is not one disk; they stay where they are.
+    /// Vertices of the input around which the interface is not one disk. They stay where they are, but where the isosurface
+    /// and a plane wall between two other regions meet: there they move along the curve of both, and may be contracted along it.
     pub junctions: Vec<u32>,
 }
 

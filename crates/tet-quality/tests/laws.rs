@@ -1,6 +1,7 @@
 //! What must hold for all inputs.
 
 use geom_core::mesh::{OUTSIDE, Region, SurfaceAudit, VertexKind, VolumeAudit};
+use geom_core::testing::same_on_any_threads;
 use geom_core::{Aabb, Cpu, ImplicitField, Lattice, Point3, Run, ScalarGrid, TetMesh, Vector3};
 use proptest::prelude::*;
 use tet_quality::measure::metrics::quality;
@@ -761,6 +762,56 @@ fn a_plane_beside_the_isosurface_stays_plane() {
         }
     }
     assert!(met > 100, "{met}");
+}
+
+/// Where the plane of a wall meets the isosurface, vertices come to lie on both, for any number of threads, though the mesh
+/// that comes in has them off the plane. Regions keep their topology, and no angle gets worse.
+#[test]
+fn vertices_where_a_plane_meets_the_isosurface_lie_on_both() {
+    const HEIGHT: f64 = 8.0;
+    let (mesh, ball) = ball_in_box(12, 1.0, 3.5);
+    let (positions, tets, mut regions, mut kinds) = mesh.into_parts();
+    // The same lattice, before vertices of the ball moved.
+    let above = lattice([12; 3], 1.0, |x| Region::from(x.z > HEIGHT));
+    for (region, above) in regions.iter_mut().zip(above.regions()) {
+        if *region == 0 && *above == 1 {
+            *region = 2;
+        }
+    }
+    for (x, kind) in positions.iter().zip(&mut kinds) {
+        *kind = match *kind {
+            kind if x.z != HEIGHT => kind,
+            VertexKind::Interior | VertexKind::Surface => VertexKind::Surface,
+            _ => VertexKind::Fixed,
+        };
+    }
+    let mesh = TetMesh::with_kinds(positions, tets, regions, kinds).unwrap();
+    let off = |met: &[Point3]| {
+        let heights = met.iter().map(|x| (x.z - HEIGHT).abs());
+        heights.fold(0.0, f64::max)
+    };
+    let before = where_three_meet(&mesh);
+    assert!(before.len() >= 20 && off(&before) > 0.3);
+    let better = same_on_any_threads(|| improved(mesh.clone(), Some(&ball), &Options::default()));
+    sound(&better.mesh);
+    assert!(better.report.converged, "{:?}", better.report.unmet);
+    assert!(worst(&better.mesh) > worst(&mesh));
+    let after = where_three_meet(&better.mesh);
+    assert!(after.len() > 10 && off(&after) < 1e-6, "{}", off(&after));
+    for x in &after {
+        let distance = (x - ball.center).norm() - ball.radius;
+        assert!(distance.abs() < 0.1, "{distance}");
+    }
+}
+
+/// The vertices in which regions 0, 1 and 2 meet.
+fn where_three_meet(mesh: &TetMesh) -> Vec<Point3> {
+    let mut met = vec![0u8; mesh.positions().len()];
+    for (tet, region) in mesh.tets().iter().zip(mesh.regions()) {
+        tet.iter().for_each(|&v| met[v as usize] |= 1 << region);
+    }
+    let all = mesh.positions().iter().zip(met);
+    all.filter(|m| m.1 == 0b111).map(|(x, _)| *x).collect()
 }
 
 /// Of an exterior alone both of its boundaries part it from the outside, and the field knows of one.

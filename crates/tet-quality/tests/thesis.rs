@@ -5,7 +5,7 @@ use dual_contour::Method;
 use gauss_density::{Cutoff, Model, PointSampler};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit, six_volume};
-use geom_core::{Cpu, Point3, Run, TetMesh};
+use geom_core::{Cpu, Point3, Run, TetMesh, Vector3};
 
 use tet_quality::{Crossings, Improved, Options, SurfaceMotion, improve};
 
@@ -264,4 +264,59 @@ fn neighbours_make_way_for_walls_that_part() {
     assert_eq!(found.after, 0);
     assert_eq!(crossings(&improved.mesh), 0);
     assert!(improved.report.converged);
+}
+
+/// A membrane's planes end on the molecule: where three regions meet, vertices lie in them, by either mesher, and hardly any is
+/// far from the isosurface. Each mesher has left most of them off, by up to half a cell.
+#[test]
+fn membranes_end_on_the_molecule() {
+    const PLANES: [f64; 2] = [-6.0, 9.0];
+    let structure = read(fixtures::path("1AJJ.pdb"), &ReadOptions::default());
+    let structure = structure.unwrap().structure;
+    let model = Model::uniform(&structure, &Default::default()).unwrap();
+    let density = gauss_density::Options {
+        spacing: 1.0,
+        ..Default::default()
+    };
+    let sampled = gauss_density::sample(&model, &density, Run::on(&Cpu)).unwrap();
+    let field = PointSampler::new(&model, Cutoff::default()).unwrap();
+    let shape = dual_contour::Shape::Slab {
+        normal: Vector3::z(),
+        low: PLANES[0],
+        high: PLANES[1],
+    };
+    let off = |mesh: &TetMesh| -> Vec<f64> {
+        let mut met = vec![0u8; mesh.positions().len()];
+        for (tet, region) in mesh.tets().iter().zip(mesh.regions()) {
+            tet.iter().for_each(|&v| met[v as usize] |= 1 << region);
+        }
+        let three = mesh.positions().iter().zip(met).filter(|m| m.1 == 0b111);
+        let height = |x: &Point3| PLANES.map(|z| (x.z - z).abs());
+        three.map(|(x, _)| height(x)[0].min(height(x)[1])).collect()
+    };
+    for (method, least) in [(Method::DualContour, 20.0), (Method::Stuffing, 10.0)] {
+        let contour = dual_contour::Options {
+            method,
+            region: dual_contour::Extent::Both,
+            materials: vec![dual_contour::Material { region: 2, shape }],
+            ..Default::default()
+        };
+        let raw = dual_contour::volume(&sampled.grid, Some(&field), &contour, Run::on(&Cpu));
+        let raw = raw.unwrap().mesh;
+        let before = off(&raw);
+        let astray = |off: &[f64]| off.iter().filter(|&&d| d > 1e-6).count();
+        assert!(2 * astray(&before) > before.len());
+        let options = Options {
+            spacing: Some(1.0),
+            ..Options::default()
+        };
+        let improved = improve(raw, Some(&field), &options, Run::on(&Cpu)).unwrap();
+        let audit = VolumeAudit::of(&improved.mesh);
+        assert!(audit.is_valid(), "{audit:?}");
+        let after = off(&improved.mesh);
+        assert!(after.len() > 50 && 20 * astray(&after) < after.len());
+        assert!(after.iter().all(|&d| d < 0.1), "{after:?}");
+        let angles = improved.report.after.all.min_dihedral;
+        assert!(angles.min > least, "{method:?}: {angles:?}");
+    }
 }

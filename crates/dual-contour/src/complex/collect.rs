@@ -52,14 +52,14 @@ pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
 }
 
 /// How vertices may move: where they stand on the box, and how many labels meet there.
-/// One label: as its place on the box says. Two, off the box: on the surface. Two on the box, or three and more: not at
-/// all. Positions of the box are exact, so they are compared without a tolerance.
+/// One label: as its place on the box says. Two and more, off the box: on the surface. On the box: not at all.
+/// Positions of the box are exact, so they are compared without a tolerance.
 pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
     let both = positions.len().min(meeting.len());
     parallel::map(both, |v| {
         match (box_kind(&positions[v], cells), meeting[v]) {
             (kind, 0 | 1) => kind,
-            (VertexKind::Interior, 2) => VertexKind::Surface,
+            (VertexKind::Interior, _) => VertexKind::Surface,
             _ => VertexKind::Fixed,
         }
     })

@@ -50,8 +50,8 @@ impl Volume {
 /// Tetrahedra inside or outside of the molecule, or both, conforming across all interfaces; the surface is that of
 /// [`surface`](crate::surface), and so is what runs on the backend.
 ///
-/// The mesh says of each vertex how it may move ([`VertexKind`]): on the surface, in a face or an edge of the box, or
-/// not at all where several interfaces meet, or one meets the box. Whoever improves the mesh goes by that. While it is
+/// The mesh says of each vertex how it may move ([`VertexKind`]): on the surface, or the curve in which several meet, in a
+/// face or an edge of the box, or not at all where an interface meets the box. Whoever improves the mesh goes by that. While it is
 /// made a tetrahedron takes some 60 bytes with [`Method::DualContour`](crate::Method), and several times as much near
 /// the surface with [`Method::Stuffing`](crate::Method).
 ///

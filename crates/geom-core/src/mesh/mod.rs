@@ -317,7 +317,8 @@ pub enum VertexKind {
     /// Inside of a region: freely.
     #[default]
     Interior,
-    /// On the surface between two regions, or between a region and [`OUTSIDE`]: along it.
+    /// On the surface between two regions, or between a region and [`OUTSIDE`]: along it. Where several of these meet, along
+    /// all of them, which may be nowhere.
     Surface,
     /// On a face of the bounding box: in that plane. Axis 0…2.
     BoxFace {
@@ -329,7 +330,7 @@ pub enum VertexKind {
         /// The axis along which it may move.
         axis: u8,
     },
-    /// Not at all: box corners, junctions of surfaces with the box or with each other.
+    /// Not at all: box corners, junctions of surfaces with the box.
     Fixed,
 }
 

@@ -8,14 +8,18 @@ use geom_core::compute::{BackendError, parallel};
 use geom_core::field::{Tangent, in_batches};
 use geom_core::{ImplicitField, Point3, Vector3};
 
+use crate::boundary::plane::Plane;
 use crate::error::Error;
 
-/// The level set of an implicit field.
+/// The level set of an implicit field, or the curve in which a plane cuts it.
+#[derive(Clone, Copy)]
 pub(crate) struct Isosurface<'a> {
     pub(crate) field: &'a dyn ImplicitField,
     pub(crate) level: f64,
     /// The field is the distance to the mesh's own surfaces, plane parts and sharp edges of which stay.
     pub(crate) own: bool,
+    /// Of the level set only what lies in this plane.
+    pub(crate) plane: Option<Plane>,
 }
 
 /// Of no point: nothing is known there.
@@ -32,9 +36,16 @@ pub(crate) fn distance_within(tangent: &Tangent, most: f64) -> f64 {
 }
 
 impl Isosurface<'_> {
-    /// The field at `x`, to first order.
+    /// The field at `x`, to first order; for a curve within its plane, or the one beside it that `x` lies in.
     pub(crate) fn tangent(&self, x: &Point3) -> Tangent {
-        Tangent::new(self.field, self.level, *x)
+        let tangent = Tangent::new(self.field, self.level, *x);
+        self.plane.map_or(tangent, |plane| plane.restrict(tangent))
+    }
+
+    /// Is a place no farther from the isosurface than `tolerance`, and in the plane of a curve?
+    pub(crate) fn reached(&self, tangent: &Tangent, tolerance: f64) -> bool {
+        let in_plane = self.plane.is_none_or(|plane| plane.holds(&tangent.at));
+        in_plane && tangent.distance().abs() <= tolerance
     }
 
     /// The same at many points; a field that takes them with one call is asked once.

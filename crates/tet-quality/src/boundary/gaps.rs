@@ -239,7 +239,7 @@ fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
         living.into_iter().flat_map(|t| {
             let tet = mesh.tets[t as usize];
             let free = tet.map(|v| mesh.freedom[v as usize] == Freedom::Free);
-            let field = tet.map(|v| mesh.freedom[v as usize] == Freedom::Field);
+            let field = tet.map(|v| mesh.freedom[v as usize].on_field());
             (0..4)
                 .filter(move |&k| {
                     // The others stay in their planes.

@@ -5,12 +5,15 @@
 //! them overlap, and the mesh is refused with the face. Files of other programs order corners
 //! as they like: all tetrahedra of a connected part get one orientation, that in which its volume is positive, and what is negative
 //! afterwards is truly inverted, work for [`untangle`](crate::operations::untangle). Kinds of vertices that the caller does not know
-//! follow from regions: inner ones are free, those on an interface slide along it, and those where interfaces meet stay.
+//! follow from regions: inner ones are free, those on an interface slide along it, and those where interfaces meet stay, unless
+//! a plane and the isosurface do: see [`curves`](crate::boundary::curves).
 
 use geom_core::compute::parallel::{self, fold_chunks};
-use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
+use geom_core::mesh::{FACES, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 
+use crate::boundary::curves::join_curves;
+use crate::boundary::fans::{InterfaceFace, InterfaceFaces, is_disk};
 use crate::boundary::field::Isosurface;
 use crate::boundary::own::SMOOTH;
 use crate::error::Error;
@@ -93,8 +96,9 @@ fn set_freedoms(
         .filter(|&v| judged[v as usize].junction)
         .collect();
     mesh.freedom = judged.into_iter().map(|j| j.freedom).collect();
-    if field.is_some_and(|field| !field.own) {
+    if let Some(field) = field.filter(|field| !field.own) {
         join_field(mesh, &faces, &sides);
+        join_curves(mesh, &faces, field, |pair| sides.may_differ(pair))?;
     }
     Ok(junctions)
 }
@@ -401,61 +405,6 @@ fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> 
     Ok(count)
 }
 
-/// The interface faces around each vertex.
-/// In one array, by vertex. Others are in the order in which the triangle is counter-clockwise seen from the higher
-/// region.
-struct InterfaceFaces {
-    starts: Vec<usize>,
-    faces: Vec<InterfaceFace>,
-}
-
-#[derive(Clone, Copy)]
-struct InterfaceFace {
-    /// The other two corners; the third is the vertex.
-    others: [u32; 2],
-    pair: [Region; 2],
-}
-
-impl InterfaceFaces {
-    fn new(mesh: &EditableMesh, beyond: &[[u32; 4]]) -> Self {
-        let found: Vec<([u32; 3], [Region; 2])> = parallel::flat_map(mesh.tets.len(), |t| {
-            (0..4).filter_map(move |k| {
-                let o = beyond[t][k];
-                let mine = mesh.regions[t];
-                let theirs = if o == NONE {
-                    OUTSIDE
-                } else {
-                    mesh.regions[o as usize]
-                };
-                // Each face once, from the side of the smaller region.
-                (mine < theirs).then(|| (FACES[k].map(|i| mesh.tets[t][i]), [mine, theirs]))
-            })
-        });
-        let mut counts = vec![0u32; mesh.x.len()];
-        for &v in found.iter().flat_map(|f| &f.0) {
-            counts[v as usize] += 1;
-        }
-        let starts = parallel::starts_of(&counts);
-        let mut at = starts.clone();
-        let blank = InterfaceFace {
-            others: [NONE; 2],
-            pair: [0; 2],
-        };
-        let mut faces = vec![blank; 3 * found.len()];
-        for ([a, b, c], pair) in found {
-            for (v, others) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
-                faces[at[v as usize]] = InterfaceFace { others, pair };
-                at[v as usize] += 1;
-            }
-        }
-        Self { starts, faces }
-    }
-
-    fn of(&self, v: u32) -> &[InterfaceFace] {
-        &self.faces[self.starts[v as usize]..self.starts[v as usize + 1]]
-    }
-}
-
 /// What is found of a vertex.
 struct Judged {
     freedom: Freedom,
@@ -520,28 +469,6 @@ fn judge(
         freedom,
         junction: false,
     })
-}
-
-/// Do the faces form one closed fan between the same two regions?
-/// Walks from spoke to spoke: each must start exactly one face, and the walk must come back having met all of them.
-fn is_disk(fan: &[InterfaceFace]) -> bool {
-    let Some(pair) = fan.first().map(|f| f.pair) else {
-        return false;
-    };
-    let same = fan.iter().all(|f| f.pair == pair);
-    let start = fan[0].others[0];
-    let mut at = start;
-    for step in 1..=fan.len() {
-        let mut next = fan.iter().filter(|f| f.others[0] == at);
-        let (Some(face), None) = (next.next(), next.next()) else {
-            return false;
-        };
-        at = face.others[1];
-        if at == start {
-            return same && step == fan.len();
-        }
-    }
-    false
 }
 
 /// Do all faces turn by less than 40° from their mean?

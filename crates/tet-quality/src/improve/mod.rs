@@ -15,6 +15,7 @@ use crate::outcome::{Crossings, Improved, Report};
 
 mod part;
 mod passes;
+mod seat;
 mod settings;
 
 /// Improves a tetrahedral mesh: smoothing, swaps, flips and contractions, until the
@@ -24,7 +25,8 @@ mod settings;
 /// least a quarter of its volume, so that its wall does not turn inside out. Walls of gaps that are
 /// not meshed and have come through each other are parted at the end; [`Report::crossings`] says what remains.
 ///
-/// `field` is the density whose level [`Options::level`] the surface vertices lie on. A mesh of which
+/// `field` is the density whose level [`Options::level`] the surface vertices lie on. Where a plane wall between two other
+/// regions meets that surface, as that of a membrane does, vertices go to the curve in which both meet. A mesh of which
 /// nothing else is known can move along its own surfaces: [`SurfaceMotion::AlongInput`].
 ///
 /// On any backend, moves of surface vertices, operations, the guard of cavities and gaps, and what falls
@@ -131,6 +133,7 @@ fn improve_part_on(
         field,
         level: options.level,
         own: false,
+        plane: None,
     });
     let mut input = prepare(mesh, held, surface.as_ref())?;
     let own = along_input.then(|| OwnSurface::of(&input.mesh)).flatten();
@@ -139,6 +142,7 @@ fn improve_part_on(
             field: own,
             level: 0.0,
             own: true,
+            plane: None,
         });
         free_again(&mut input.mesh, surface.as_ref())?;
     }

@@ -226,7 +226,7 @@ impl Passes<'_> {
     /// not meet.
     fn drag(&mut self, pairs: &[Pair], kind: Pull, good: impl Fn([Point3; 4]) -> bool + Sync) {
         let wishes = self.wishes(pairs, kind);
-        let Some(field) = &self.surface else {
+        let Some(field) = self.surface else {
             return;
         };
         let rules = SurfaceRules {

@@ -6,12 +6,12 @@
 //! not tried again until something around it has changed, which a clock per vertex tells. After the passes, surface vertices that
 //! are still off the isosurface go there as far as the goals allow.
 
-use geom_core::TetMesh;
 use geom_core::compute::BackendError;
 use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, VertexKind};
+use geom_core::{Point3, TetMesh};
 
-use super::settings::{LAST, PassSettings, RESCUE, bolder_than};
+use super::settings::{LAST, PassSettings, RESCUE, ROUGH, bolder_than};
 use crate::backend::On;
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
@@ -21,6 +21,7 @@ use crate::measure::block::measures;
 use crate::measure::metrics::quality;
 use crate::measure::report::{QualityReport, report_of};
 use crate::mesh::editable::{EditableMesh, Freedom, NO_COLOUR};
+use crate::mesh::proposal::Proposal;
 use crate::operations::operate::{
     Memory, Reserve, Rounds, Rules, best_for, best_hill_climb, round_of_projections, rounds,
 };
@@ -37,9 +38,9 @@ use crate::smoothing::star::Star;
 /// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
 /// Far less than the deviation that is allowed by default: what a vertex may leave in the end is worth having as a
 /// reserve then.
-const NEAR: f64 = 0.02;
+pub(super) const NEAR: f64 = 0.02;
 /// Rounds of the search per vertex and sweep.
-const ROUNDS: u32 = 7;
+pub(super) const ROUNDS: u32 = 7;
 /// Most rounds of operations per pass: what is postponed because of its neighbours gets another chance.
 const PLAIN_ROUNDS: u32 = 16;
 /// The same with smoothing.
@@ -176,12 +177,21 @@ impl<'a> Passes<'a> {
         let mut passes = Vec::new();
         let mut far = usize::MAX;
         let mut number = 0;
+        // Far moves first: passes mend what they cost.
+        let seated = if budget > 0 {
+            self.seat(ROUGH, run)?
+        } else {
+            0
+        };
         while number < budget {
             run.progress("improve", number.into(), budget.into())?;
             if number == 0 && self.met() {
                 break;
             }
             let mut done = self.pass(number, run)?;
+            if number == 0 {
+                done.projected += seated;
+            }
             let next = match done.changes() {
                 0 => bolder_than(number),
                 _ => Some(number + 1),
@@ -286,6 +296,7 @@ impl<'a> Passes<'a> {
         self.find_gaps();
         self.smooth(&settings, &mut done, run)?;
         self.project(&settings, &mut done)?;
+        done.projected += self.seat(settings.floor, run)?;
         Ok(done)
     }
 
@@ -326,7 +337,7 @@ impl<'a> Passes<'a> {
             .rescue
             .then(|| self.options.seed.wrapping_add(u64::from(settings.number)));
         done.moved += relax(&mut self.guarded, &vertices, ROUNDS, turn, run)?;
-        if let Some(field) = &self.surface {
+        if let Some(field) = self.surface {
             let rules = SurfaceRules {
                 field,
                 tolerance: self.tolerance(settings),
@@ -373,7 +384,7 @@ impl<'a> Passes<'a> {
         } else {
             &PatchSettings::USUAL
         };
-        let surface = self.surface.as_ref().map(|field| SurfaceRules {
+        let surface = self.surface.map(|field| SurfaceRules {
             field,
             tolerance,
             rescue: settings.rescue,
@@ -398,8 +409,7 @@ impl<'a> Passes<'a> {
         let mesh = &mut self.guarded.mesh;
         let off: Vec<u32> = (0..mesh.x.len() as u32)
             .filter(|&v| {
-                mesh.freedom[v as usize] == Freedom::Field
-                    && mesh.changed[v as usize] > self.projected
+                mesh.freedom[v as usize].on_field() && mesh.changed[v as usize] > self.projected
             })
             .collect();
         self.projected = mesh.tick();
@@ -434,24 +444,13 @@ impl<'a> Passes<'a> {
             quality(corners) >= target || (keep == Keep::Goals && goals.met_by(&measures(corners)))
         };
         let rules = SurfaceRules {
-            field: surface,
+            field: *surface,
             tolerance,
             rescue: true,
         };
         let project_to_foot = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
-            let mesh = &guarded.mesh;
-            if !is_far(mesh, v, &rules) {
-                return None;
-            }
-            load(mesh, v, star);
-            let x = mesh.x[v as usize];
-            let start = mesh.tangent(v, surface);
-            let foot = foot(start, star.mean_edge(&x.coords), surface, tolerance)?.at;
-            [1.0, 0.6, 0.3].into_iter().find_map(|share| {
-                let to = x + (foot - x) * share;
-                let found = project_with_neighbours(guarded, v, to, &rules, good, star);
-                found.filter(|p| guarded.allows(p))
-            })
+            let far = is_far(&guarded.mesh, v, &rules);
+            far.then(|| to_foot(guarded, v, &rules, good, star))?
         };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
         for _ in 0..SETTLE {
@@ -477,7 +476,7 @@ impl<'a> Passes<'a> {
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
         self.guarded.mesh.know_tangents(&all, field)?;
         let rules = SurfaceRules {
-            field,
+            field: *field,
             tolerance: self.deviation(),
             rescue: true,
         };
@@ -491,10 +490,33 @@ impl<'a> Passes<'a> {
     }
 }
 
+/// A vertex moved toward its foot on the isosurface together with its neighbours, as far as all tetrahedra are `good` or
+/// none is worse than the worst one was.
+pub(super) fn to_foot(
+    guarded: &GuardedMesh,
+    v: u32,
+    rules: &SurfaceRules<'_>,
+    good: impl Fn([Point3; 4]) -> bool,
+    star: &mut Star,
+) -> Option<Proposal> {
+    let mesh = &guarded.mesh;
+    load(mesh, v, star);
+    let x = mesh.x[v as usize];
+    let surface = &mesh.freedom[v as usize].part_of(&rules.field);
+    let start = mesh.tangent(v, surface);
+    let edge = star.mean_edge(&x.coords);
+    let foot = foot(start, edge, surface, rules.tolerance)?.at;
+    [1.0, 0.6, 0.3].into_iter().find_map(|share| {
+        let to = x + (foot - x) * share;
+        let found = project_with_neighbours(guarded, v, to, rules, &good, star);
+        found.filter(|p| guarded.allows(p))
+    })
+}
+
 /// The vertices of the isosurface stay where they are.
 fn fix_surface(mesh: &mut EditableMesh) {
     for freedom in &mut mesh.freedom {
-        if *freedom == Freedom::Field {
+        if freedom.on_field() {
             *freedom = Freedom::Fixed;
         }
     }
@@ -502,9 +524,12 @@ fn fix_surface(mesh: &mut EditableMesh) {
 
 /// Is the vertex one of the isosurface, and farther from it than the rules allow?
 fn is_far(mesh: &EditableMesh, v: u32, rules: &SurfaceRules<'_>) -> bool {
-    mesh.freedom[v as usize] == Freedom::Field
-        && mesh.colours[v as usize] != NO_COLOUR
-        && mesh.tangent(v, rules.field).distance().abs() > rules.tolerance
+    let freedom = mesh.freedom[v as usize];
+    if !freedom.on_field() || mesh.colours[v as usize] == NO_COLOUR {
+        return false;
+    }
+    let surface = freedom.part_of(&rules.field);
+    !surface.reached(&mesh.tangent(v, &surface), rules.tolerance)
 }
 
 /// In order of their numbers, for any number of threads.

@@ -12,6 +12,9 @@ const WANTED: f64 = 30.0;
 /// From pass to pass they rise: what an early projection spoils, later passes mend; what a late one spoils stays.
 const FLOORS: [f64; 5] = [0.05, 0.1, 0.2, 0.25, 0.3];
 
+/// The same for what comes before the first pass.
+pub(super) const ROUGH: f64 = FLOORS[0];
+
 /// What a pass aims at.
 pub(super) struct PassSettings {
     pub(super) number: u32,

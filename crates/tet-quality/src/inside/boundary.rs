@@ -46,6 +46,7 @@ fn ball_and_bubble(region: Region, pinned: bool) -> [Vec<Freedom>; 2] {
         field: &ball,
         level: 1.0,
         own: false,
+        plane: None,
     };
     let input = prepare(mesh, &[], Some(&field)).unwrap();
     let mesh = &input.mesh;
@@ -95,6 +96,7 @@ pub fn what_the_isosurface_surrounds_belongs_to_it() {
         field: &dented,
         level: 1.0,
         own: false,
+        plane: None,
     };
     let on_ball = |v: &u32| mesh.kinds()[*v as usize] == VertexKind::Surface;
     let on_ball: Vec<u32> = (0..mesh.positions().len() as u32).filter(on_ball).collect();

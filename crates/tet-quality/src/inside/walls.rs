@@ -20,6 +20,7 @@ pub fn volumes_of_walls(mesh: TetMesh, field: &dyn ImplicitField, center: Point3
         field,
         level: 1.0,
         own: false,
+        plane: None,
     };
     let mut guarded = GuardedMesh::new(prepare(mesh, &[], Some(&surface)).unwrap().mesh);
     assert_eq!(guarded.guard.walls.all.len(), 1);

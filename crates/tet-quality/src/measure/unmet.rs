@@ -30,7 +30,7 @@ pub enum Cause {
     /// with another such triangle on the two sides of too sharp a wedge. No tetrahedra inside can meet
     /// the goals there.
     Boundary,
-    /// Surfaces touch or meet in one of its corners, which therefore stays.
+    /// Surfaces touch or meet in one of its corners, which therefore stays, or moves along a curve at most.
     Junction,
     /// None of its corners may move.
     Fixed,

@@ -13,6 +13,7 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::boundary::field::{Isosurface, UNKNOWN};
+use crate::boundary::plane::Plane;
 use crate::error::Error;
 use crate::measure::metrics::quality;
 use crate::mesh::incidence::{Incidence, NONE};
@@ -27,6 +28,8 @@ pub(crate) enum Freedom {
     Free,
     /// Along the isosurface of the field.
     Field,
+    /// Along the curve in which the isosurface of the field and this plane meet.
+    Curve(Plane),
     /// In the plane across this unit normal.
     Plane(Vector3),
     /// Along this unit direction.
@@ -41,6 +44,25 @@ impl Freedom {
     /// May it move nowhere?
     pub(crate) fn is_fixed(self) -> bool {
         matches!(self, Self::Fixed | Self::Held)
+    }
+
+    /// Does it move along the isosurface, or a curve on it?
+    pub(crate) fn on_field(self) -> bool {
+        matches!(self, Self::Field | Self::Curve(_))
+    }
+
+    /// The plane of a curve.
+    pub(crate) fn plane(self) -> Option<Plane> {
+        match self {
+            Self::Curve(plane) => Some(plane),
+            _ => None,
+        }
+    }
+
+    /// What of an isosurface it moves along.
+    pub(crate) fn part_of<'a>(self, field: &Isosurface<'a>) -> Isosurface<'a> {
+        let plane = self.plane();
+        Isosurface { plane, ..*field }
     }
 }
 
@@ -303,7 +325,8 @@ impl EditableMesh {
         if known.at == self.x[v as usize] {
             known
         } else {
-            field.tangent(&self.x[v as usize])
+            let part = self.freedom[v as usize].part_of(field);
+            part.tangent(&self.x[v as usize])
         }
     }
 
@@ -319,12 +342,13 @@ impl EditableMesh {
             .copied()
             .filter(|&v| {
                 let v = v as usize;
-                self.freedom[v] == Freedom::Field && self.tangents[v].at != self.x[v]
+                self.freedom[v].on_field() && self.tangents[v].at != self.x[v]
             })
             .collect();
         let at: Vec<Point3> = stale.iter().map(|&v| self.x[v as usize]).collect();
         for (v, tangent) in stale.into_iter().zip(field.tangents(&at)?) {
-            self.tangents[v as usize] = tangent;
+            let plane = self.freedom[v as usize].plane();
+            self.tangents[v as usize] = plane.map_or(tangent, |plane| plane.restrict(tangent));
         }
         Ok(())
     }

@@ -88,6 +88,26 @@ impl EdgeLink {
         self.closed() && self.regions.iter().all(|&r| r == self.regions[0])
     }
 
+    /// The corners opposite the edge in the faces of interfaces that meet at it: two on an interface, three on a curve
+    /// in which three regions meet.
+    pub(crate) fn wings(&self) -> Vec<u32> {
+        let n = self.tets.len();
+        let last = self.regions.last();
+        let closing = !self.closed() || last != self.regions.first();
+        let mut wings: Vec<u32> = (1..n)
+            .filter(|&i| self.regions[i] != self.regions[i - 1])
+            .map(|i| self.vertices[i])
+            .collect();
+        if closing {
+            wings.push(self.vertices[0]);
+        }
+        if !self.closed() {
+            wings.push(self.vertices[n]);
+        }
+        wings.sort_unstable();
+        wings
+    }
+
     /// Around an edge of the interface of exactly two regions: the link turned so that it starts at
     /// an interface face.
     /// `None` inside one region, where three regions meet, and where two bodies touch along the edge.
@@ -188,6 +208,14 @@ impl VertexLink {
         out.dedup();
         out
     }
+
+    /// The neighbours along curves in which three interfaces meet, sorted.
+    fn curve_vertices(&self) -> Vec<u32> {
+        let mut ends: Vec<u32> = self.surface.iter().flatten().copied().collect();
+        ends.sort_unstable();
+        let shared = ends.chunk_by(|a, b| a == b).filter(|group| group.len() > 2);
+        shared.map(|group| group[0]).collect()
+    }
 }
 
 /// What two sorted lists have in common, in order.
@@ -230,14 +258,23 @@ pub(crate) fn keeps_topology(mesh: &EditableMesh, edge: ContractedEdge, link: &E
     if !edge.on_surface {
         return true;
     }
-    // On the surface the two wings are the only common neighbours, and close no triangle.
+    // On interfaces the wings are the only common neighbours, and no two of them close a triangle. On a curve none is.
     let wings = common(&from.surface_vertices(), &to.surface_vertices());
-    let &[w, z] = wings.as_slice() else {
+    if wings != link.wings() {
         return false;
-    };
-    [&from, &to]
-        .iter()
-        .all(|l| l.surface.binary_search(&[w, z]).is_err())
+    }
+    let pairs = || (0..wings.len()).flat_map(|j| (0..j).map(move |i| [i, j]));
+    match wings.len() {
+        2 => {}
+        3 if common(&from.curve_vertices(), &to.curve_vertices()).is_empty() => {}
+        _ => return false,
+    }
+    [&from, &to].iter().all(|l| {
+        pairs().all(|pair| {
+            let [w, z] = pair.map(|i| wings[i]);
+            l.surface.binary_search(&[w, z]).is_err()
+        })
+    })
 }
 
 /// Does a contraction that was judged before still keep the topology?

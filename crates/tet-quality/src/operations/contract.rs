@@ -41,6 +41,8 @@ fn allowed(mesh: &EditableMesh, a: u32, b: u32, link: &EdgeLink) -> Option<Contr
     let stays = match freedom {
         Freedom::Line(d) => along.cross(&d).norm() <= 1e-9 * along.norm(),
         Freedom::Plane(n) => along.dot(&n).abs() <= 1e-9 * along.norm(),
+        // Into the next vertex of the same curve.
+        Freedom::Curve(_) => mesh.freedom[b as usize] == freedom && link.wings().len() == 3,
         _ => true,
     };
     // A vertex of a box edge goes only to another one of it, or to its end.
@@ -126,7 +128,12 @@ fn surface_stays(
     let normal = |p: Point3, q: Point3, r: Point3| -> Option<Vector3> {
         (q - p).cross(&(r - p)).try_normalize(0.0)
     };
-    let field = field.filter(|_| mesh.freedom[a as usize] == Freedom::Field);
+    let freedom = mesh.freedom[a as usize];
+    let field = field.filter(|_| freedom.on_field());
+    // Beside a curve some triangles are of the wall.
+    let plane = freedom.plane();
+    let wall =
+        |corners: [u32; 3]| plane.is_some_and(|plane| corners.iter().all(|&u| plane.holds(&at(u))));
     VertexLink::of(mesh, a).surface.iter().all(|&[u, v]| {
         if u == b || v == b {
             return true;
@@ -137,6 +144,7 @@ fn surface_stays(
             return false;
         };
         let middle = Point3::from((at(b).coords + at(u).coords + at(v).coords) / 3.0);
-        before.dot(&after) >= TURN && field.is_none_or(|f| f.distance(&middle) <= tolerance)
+        let on_field = |f: &Isosurface<'_>| f.distance(&middle) <= tolerance;
+        before.dot(&after) >= TURN && (wall([b, u, v]) || field.is_none_or(on_field))
     })
 }

@@ -159,7 +159,9 @@ impl Patch {
                 };
                 self.load(i, star);
                 match (freedom, surface) {
-                    (Freedom::Field, Some(rules)) => self.slide(guarded, i, rules, star),
+                    (Freedom::Field | Freedom::Curve(_), Some(rules)) => {
+                        self.slide(guarded, i, &rules.of(freedom), star);
+                    }
                     _ => {
                         if let Some(axes) = axes_of(freedom, None) {
                             let (start, compass) = (self.x[i].coords, Compass::along(&axes));
@@ -180,7 +182,7 @@ impl Patch {
         rules: &SurfaceRules<'_>,
         star: &mut Star,
     ) {
-        let start = self.tangent(&guarded.mesh, i, rules.field);
+        let start = self.tangent(&guarded.mesh, i, &rules.field);
         let id = self.ids[i];
         // A vertex that is not yet there is judged with the whole proposal.
         let may = |x: Point3| id == NEW || guarded.guard.allows_move(&guarded.mesh, id, x);

@@ -84,7 +84,7 @@ pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3
             Some([u, v, zero])
         }
         Freedom::Line(d) => Some([d, zero, zero]),
-        Freedom::Field | Freedom::Fixed | Freedom::Held => None,
+        Freedom::Field | Freedom::Curve(_) | Freedom::Fixed | Freedom::Held => None,
     }
 }
 
@@ -247,8 +247,9 @@ pub(crate) fn load(mesh: &EditableMesh, v: u32, star: &mut Star) {
 /// How surface vertices may move.
 /// In usual passes the distance is held small by the tangent plane and the pull back; in the rescue a vertex has a
 /// shell of twice `tolerance` to itself.
+#[derive(Clone, Copy)]
 pub(crate) struct SurfaceRules<'a> {
-    pub(crate) field: &'a Isosurface<'a>,
+    pub(crate) field: Isosurface<'a>,
     /// Distance from the isosurface that is always allowed, Å.
     pub(crate) tolerance: f64,
     /// Search in all directions instead of the tangent plane.
@@ -256,12 +257,18 @@ pub(crate) struct SurfaceRules<'a> {
 }
 
 impl SurfaceRules<'_> {
-    /// The directions of a search: two in the tangent plane, for the rescue the normal too.
+    /// The rules for a vertex of this freedom.
+    pub(crate) fn of(&self, freedom: Freedom) -> Self {
+        let field = freedom.part_of(&self.field);
+        Self { field, ..*self }
+    }
+
+    /// The directions of a search: two in the tangent plane, or the one along a curve, for the rescue the normal too.
     fn axes(&self, normal: &Vector3) -> [Vector3; 3] {
-        let [s, t] = if *normal == Vector3::zeros() {
-            [Vector3::x(), Vector3::y()]
-        } else {
-            across(normal)
+        let [s, t] = match self.field.plane {
+            Some(plane) => [plane.normal.cross(normal), Vector3::zeros()],
+            None if *normal == Vector3::zeros() => [Vector3::x(), Vector3::y()],
+            None => across(normal),
         };
         let up = if self.rescue {
             *normal
@@ -282,19 +289,20 @@ pub(crate) fn relax_surface(
     rules: &SurfaceRules<'_>,
     run: On<'_>,
 ) -> Result<usize, Error> {
-    guarded.mesh.know_tangents(vertices, rules.field)?;
+    guarded.mesh.know_tangents(vertices, &rules.field)?;
     if run.backend.slides() && !rules.rescue {
         return slide_together(guarded, vertices, rules, run);
     }
     let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
         let mesh = &guarded.mesh;
         load(mesh, v, star);
-        let start = mesh.tangent(v, rules.field);
+        let rules = rules.of(mesh.freedom[v as usize]);
+        let start = mesh.tangent(v, &rules.field);
         let may = |x: Point3| guarded.guard.allows_move(mesh, v, x);
-        slide_from(start, surface_mean(mesh, v), star, rules, may)
+        slide_from(start, surface_mean(mesh, v), star, &rules, may)
     };
     let put = GuardedMesh::move_on_surface;
-    Ok(sweep(guarded, vertices, on_field, step, put))
+    Ok(sweep(guarded, vertices, Freedom::on_field, step, put))
 }
 
 /// The same with searches of all colours by the backend, in the tangent planes; then, colour by colour, what it found
@@ -309,8 +317,11 @@ fn slide_together(
 ) -> Result<usize, Error> {
     let mesh = &guarded.mesh;
     let movable = vertices.iter().copied();
-    let movable = movable.filter(|&v| on_field(mesh.freedom[v as usize]));
-    let axes = |v: u32| rules.axes(&mesh.tangent(v, rules.field).normal());
+    let movable = movable.filter(|&v| mesh.freedom[v as usize].on_field());
+    let axes = |v: u32| {
+        let rules = rules.of(mesh.freedom[v as usize]);
+        rules.axes(&mesh.tangent(v, &rules.field).normal())
+    };
     let classes = classes(mesh, movable);
     let mut task = task_of(mesh, &mesh.x, classes, SURFACE_ROUNDS, axes);
     let mean = |&v: &u32| surface_mean(mesh, v).map(|mean| mean - mesh.x[v as usize]);
@@ -328,10 +339,11 @@ fn slide_together(
                 let i = colour.start + of_colour;
                 let (mesh, v, d) = (&state.mesh, vertices[i], moves[i]?);
                 load(mesh, v, star);
-                let start = mesh.tangent(v, rules.field);
-                let slide = Slope::at(start, star, rules);
+                let rules = rules.of(mesh.freedom[v as usize]);
+                let start = mesh.tangent(v, &rules.field);
+                let slide = Slope::at(start, star, &rules);
                 let may = |x: Point3| state.guard.allows_move(mesh, v, x);
-                slide.settle(start.at.coords + d, star, rules, may)
+                slide.settle(start.at.coords + d, star, &rules, may)
             });
         for (i, tangent) in colour.zip(found) {
             if tangent.is_some_and(|x| guarded.move_on_surface(vertices[i], x)) {
@@ -343,7 +355,7 @@ fn slide_together(
     Ok(moved.len())
 }
 
-/// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
+/// Moves surface vertices that are farther than `tolerance` toward the isosurface, or their curve on it, as far as the
 /// tetrahedra stay `good` or the worst of them does not get worse. Gives how many moved.
 pub(crate) fn project(
     guarded: &mut GuardedMesh,
@@ -355,8 +367,9 @@ pub(crate) fn project(
     guarded.mesh.know_tangents(vertices, field)?;
     let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
         let mesh = &guarded.mesh;
+        let field = &mesh.freedom[v as usize].part_of(field);
         let start = mesh.tangent(v, field);
-        if start.distance().abs() <= tolerance {
+        if field.reached(&start, tolerance) {
             return None;
         }
         load(mesh, v, star);
@@ -371,10 +384,10 @@ pub(crate) fn project(
         })
     };
     let put = GuardedMesh::move_vertex;
-    Ok(sweep(guarded, vertices, on_field, step, put))
+    Ok(sweep(guarded, vertices, Freedom::on_field, step, put))
 }
 
-/// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
+/// The point of the isosurface, or of a curve on it, next to `start`, by short Newton steps; `None` if `start` is nearer
 /// than `tolerance` or the steps lead nowhere.
 /// What is farther than half an edge counts as half an edge away: there a first-order distance says little.
 pub(crate) fn foot(
@@ -383,9 +396,11 @@ pub(crate) fn foot(
     surface: &Isosurface<'_>,
     tolerance: f64,
 ) -> Option<Tangent> {
-    if start.distance().abs() <= tolerance {
+    if surface.reached(&start, tolerance) {
         return None;
     }
+    let astray = surface.plane.filter(|plane| !plane.holds(&start.at));
+    let from = astray.map_or(start, |plane| surface.tangent(&plane.foot(&start.at)));
     let way = field::Guard {
         steps: FOOT_STEPS,
         halvings: 0,
@@ -393,13 +408,13 @@ pub(crate) fn foot(
         reach: f64::INFINITY,
         near: 0.1 * tolerance,
     };
-    let foot = field::project(start, &way, |x| Some(surface.tangent(&x))).best;
+    let foot = field::project(from, &way, |x| Some(surface.tangent(&x))).best;
     let off = |tangent: &Tangent| distance_within(tangent, 0.5 * edge).abs();
-    (off(&foot) < off(&start)).then_some(foot)
-}
-
-fn on_field(freedom: Freedom) -> bool {
-    freedom == Freedom::Field
+    if astray.is_some() {
+        // Where the isosurface is not met near by, into the plane at least.
+        return Some(if off(&foot) <= tolerance { foot } else { from });
+    }
+    (off(&foot) < off(&from)).then_some(foot)
 }
 
 /// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves and
@@ -461,6 +476,8 @@ struct Slope {
     /// From the isosurface, and how far it may be.
     distance: f64,
     limit: f64,
+    /// How far the field is from its level.
+    height: f64,
     /// The value of the worst tetrahedron.
     value: f64,
 }
@@ -477,6 +494,7 @@ impl Slope {
             edge,
             distance,
             limit: rules.tolerance.max(distance.abs()),
+            height: start.height.abs(),
             value: star.value(&from),
         }
     }
@@ -529,7 +547,12 @@ impl Slope {
                 star.value_above(&(tangent.at.coords - back), better)?;
                 tangent = rules.field.tangent(&(tangent.at - back));
             }
+            // Where a plane hardly meets the isosurface, distances within it mean nothing.
+            let strays = rules.field.plane.is_some()
+                && tangent.height.abs() > self.height
+                && tangent.distance().abs() > rules.tolerance;
             let may = distance_within(&tangent, most).abs() <= self.limit
+                && !strays
                 && star.value_above(&tangent.at.coords, better).is_some()
                 && may(tangent.at);
             may.then_some(tangent)

@@ -137,10 +137,10 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::ambiguous_faces_are_joined_by_the_sign_at_their_saddle"),
     Fault::wrong(
-        "points where three labels meet may move",
+        "vertices where three regions meet are held",
         "crates/dual-contour/src/complex/collect.rs",
-        "(VertexKind::Interior, 2) => VertexKind::Surface,",
         "(VertexKind::Interior, _) => VertexKind::Surface,",
+        "(VertexKind::Interior, 2) => VertexKind::Surface,",
     )
     .seen_by("options::a_membrane_parts_the_exterior"),
     Fault::wrong(

@@ -10,10 +10,24 @@ pub(super) const FAULTS: &[Fault] = &[
         "const BUBBLE: usize = 100_000;",
     ),
     Fault::wrong(
+        "vertices where a plane meets the isosurface stay where the mesher left them",
+        "crates/tet-quality/src/boundary/curves.rs",
+        "*freedom = Freedom::Curve(plane);",
+        "*freedom = Freedom::Plane(plane.normal);",
+    )
+    .seen_by("laws::vertices_where_a_plane_meets_the_isosurface_lie_on_both"),
+    Fault::wrong(
+        "within a plane the isosurface is sought across it",
+        "crates/tet-quality/src/boundary/plane.rs",
+        "let gradient = tangent.gradient - along;",
+        "let gradient = tangent.gradient + along;",
+    )
+    .seen_by("thesis::membranes_end_on_the_molecule"),
+    Fault::wrong(
         "the wings of a contracted edge may close a triangle",
         "crates/tet-quality/src/mesh/link.rs",
-        ".all(|l| l.surface.binary_search(&[w, z]).is_err())",
-        ".all(|l| l.surface.binary_search(&[w, z]).is_err() || w != z)",
+        "l.surface.binary_search(&[w, z]).is_err()",
+        "l.surface.binary_search(&[w, z]).is_err() || w != z",
     ),
     Fault::wrong(
         "a face swap may make an edge that is there",
