@@ -321,12 +321,22 @@ pub fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
 /// Moves of one integer or two by one, from 0 on, that shall keep sums of integers with coefficients at −1 or above. `2 k` takes
 /// one from integer `k`, `2 k + 1` adds one; twice the same integer is the first of both alone. Those are made that descent finds
 /// to keep them. Per move what descent finds, which remembers what it has found before, and what the sums say.
-pub fn guarded(
-    count: usize,
-    conditions: &[Vec<(u32, i64)>],
-    moves: &[[usize; 2]],
-) -> Vec<[bool; 2]> {
+pub fn guarded(count: usize, conditions: &[Sum], moves: &[[usize; 2]]) -> Vec<[bool; 2]> {
     crate::map::guarded(count, conditions, moves)
+}
+
+/// Integers by their numbers, with coefficients.
+pub type Sum = Vec<(u32, i64)>;
+
+/// Integers near `z` that turn triangles upright; `None` if none are found. Of each triangle the sides from its first corner to the second
+/// and the third, as sums of integers, and what they are in the relaxed map.
+pub fn mended(
+    triangles: &[[[Sum; 2]; 2]],
+    relaxed: &[[[f64; 2]; 2]],
+    z: &[f64],
+) -> Result<Option<Vec<f64>>, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    Ok(crate::map::mended(triangles, relaxed, z, run)?)
 }
 
 /// Vertices at better places on a surface, and other quads where no places are good.

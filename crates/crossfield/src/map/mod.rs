@@ -65,7 +65,7 @@ mod unfold;
 
 pub(crate) use integers::{AtLeast, MOST_DENSE, Spread};
 #[cfg(feature = "testing")]
-pub(crate) use integers::{guarded, inverse, rounded};
+pub(crate) use integers::{guarded, inverse, mended, rounded};
 pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]

@@ -5,6 +5,7 @@
 
 use geom_core::Cancelled;
 
+use super::joint::best_joint;
 use super::upright::{AtLeast, Pair, Short, Sides, Upright, Weighed};
 use crate::backend::On;
 use crate::map::unfold::Effort;
@@ -16,7 +17,7 @@ pub(super) const RATIO: f64 = 1.25;
 /// What bounds the moves looked at per integer: mending stops after a fifth of it, a descent after about twenty times as
 /// many.
 pub(super) const MOST_TRIED: usize = 20_000;
-/// How often triangles are given more weight.
+/// How often triangles are given more weight before all integers of one may move at once, and how often from then on.
 const BREAKOUTS: usize = 60;
 /// How often triangles that have turned around vertices are turned back.
 const TURNS: usize = 4;
@@ -164,10 +165,11 @@ impl dyn Energy + '_ {
 
     /// Moves single integers and pairs by one, on a grid so many steps denser, while that brings triangles nearer to upright; of the
     /// moves that do so most, those of least energy. Where none does, triangles that are not upright weigh more from then on (Morris, *The breakout
-    /// method for escaping from local minima*, 1993). Returns whether all are.
+    /// method for escaping from local minima*, 1993). Where that has not helped [`BREAKOUTS`] times, all integers of a triangle move at once
+    /// ([`best_joint`]). Returns whether all are.
     ///
     /// `z` changes, and is what was reached even if that is not enough. It gives up after 4 n + 50 steps, after
-    /// [`BREAKOUTS`] times of more weight, or when it has looked at too many moves or at as many as the effort was for.
+    /// as many times more, or when it has looked at too many moves or at as many as the effort was for.
     fn mend(
         &self,
         z: &mut [f64],
@@ -222,10 +224,20 @@ impl dyn Energy + '_ {
             // A local minimum of the weighted shortages: raise it until one of its neighbours is lower.
             if best.is_empty() {
                 breakouts += 1;
-                if breakouts > BREAKOUTS {
+                upright.weigh_short(&sides, &mut weights);
+                if breakouts <= BREAKOUTS {
+                    continue;
+                }
+                // One with farther neighbours.
+                let joint = best_joint(Weighed {
+                    upright,
+                    sides: &sides,
+                    weights: &weights,
+                });
+                if breakouts > 2 * BREAKOUTS || !means.effort.spend(joint.tried) {
                     return Ok(false);
                 }
-                upright.weigh_short(&sides, &mut weights);
+                make(&joint.moves, z, &mut sides, upright, &mut *cost);
                 continue;
             }
             // One after the other would do the same: a move that changes none of their triangles gains what it did.
@@ -234,15 +246,25 @@ impl dyn Energy + '_ {
                 if !upright.is_apart(&pair, &mut moved) {
                     continue;
                 }
-                // All that is judged by follows the move.
-                for (k, d) in pair {
-                    z[k] += d;
-                    upright.shift(&mut sides, k, d);
-                    cost.follow(k, d);
-                }
+                make(&pair, z, &mut sides, upright, &mut *cost);
             }
         }
         Ok(false)
+    }
+}
+
+/// Moves integers, and all that further moves are judged by.
+fn make(
+    moves: &[(usize, f64)],
+    z: &mut [f64],
+    sides: &mut [Sides],
+    upright: &Upright,
+    cost: &mut dyn Cost,
+) {
+    for &(k, by) in moves {
+        z[k] += by;
+        upright.shift(sides, k, by);
+        cost.follow(k, by);
     }
 }
 

@@ -19,6 +19,8 @@ use super::upright::{Pair, Sides, Upright};
 use crate::Error;
 use crate::backend::On;
 use crate::map::system::Weighted;
+#[cfg(feature = "testing")]
+use crate::map::{transition::Sum, unfold::Effort};
 
 /// Integers whose energy is never known in full.
 pub(crate) struct Regions {
@@ -120,4 +122,23 @@ impl Cost for Decimated<'_> {
             others.into_iter().map(|other| other.0).collect()
         })
     }
+}
+
+/// See `testing::mended`.
+#[cfg(feature = "testing")]
+pub(crate) fn mended(
+    triangles: &[[[Sum; 2]; 2]],
+    relaxed: &[[[f64; 2]; 2]],
+    z: &[f64],
+    run: On<'_>,
+) -> Result<Option<Vec<f64>>, Cancelled> {
+    let means = Means {
+        effort: &Effort::of(triangles.len()),
+        run,
+    };
+    let energy: &dyn Energy = &Regions {
+        nearest: z.to_vec(),
+    };
+    let mut upright = Upright::new(triangles, relaxed);
+    energy.rounded_within(&mut upright, &|_| Some(Vec::new()), means)
 }

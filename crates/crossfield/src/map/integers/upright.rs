@@ -128,9 +128,19 @@ impl Upright {
         sides
     }
 
+    /// The integers that a triangle depends on.
+    pub(super) fn on(&self, t: usize) -> &[u32] {
+        &self.on[t]
+    }
+
+    /// The triangles that depend on an integer, and what one more of it adds to their sides; ascending.
+    pub(super) fn of(&self, k: usize) -> &[(u32, Sides)] {
+        self.of.get(k).map_or(&[], Vec::as_slice)
+    }
+
     /// Adds to one integer.
     pub(super) fn shift(&self, sides: &mut [Sides], k: usize, by: f64) {
-        for (t, sum) in self.of.get(k).into_iter().flatten() {
+        for (t, sum) in self.of(k) {
             added(&mut sides[*t as usize], sum, by);
         }
     }
@@ -139,7 +149,7 @@ impl Upright {
     pub(super) fn is_apart(&self, pair: &Pair, changed: &mut [bool]) -> bool {
         let own = || {
             let moved = pair.iter().filter(|(_, by)| *by != 0.0);
-            let all = moved.flat_map(|(k, _)| self.of.get(*k).into_iter().flatten());
+            let all = moved.flat_map(|(k, _)| self.of(*k));
             all.map(|entry| entry.0 as usize)
         };
         let is_apart = own().all(|t| !changed[t]);
@@ -158,20 +168,24 @@ impl Upright {
     /// How much more a move makes triangles differ from those of the relaxed map.
     pub(super) fn strain(&self, pair: &Pair, sides: &[Sides]) -> f64 {
         let mut strain = 0.0;
-        let of = |k: usize| self.of.get(k).map_or(&[][..], Vec::as_slice);
-        changed(sides, pair, of, |t, before, after| {
-            if let Some(shape) = self.shapes.get(t) {
-                strain += shape.strain(after) - shape.strain(before);
-            }
-            true
-        });
+        changed(
+            sides,
+            pair,
+            |k| self.of(k),
+            |t, before, after| {
+                if let Some(shape) = self.shapes.get(t) {
+                    strain += shape.strain(after) - shape.strain(before);
+                }
+                true
+            },
+        );
         strain
     }
 
     /// The integers of which there are so many that have triangles in common with one, and half the second derivative of the strain by both.
     pub(super) fn coupled(&self, k: usize, integers: usize) -> Vec<(usize, f64)> {
         let mut couplings = vec![0.0; integers];
-        for (t, own) in self.of.get(k).into_iter().flatten() {
+        for (t, own) in self.of(k) {
             let Some(shape) = self.shapes.get(*t as usize) else {
                 continue;
             };
@@ -260,7 +274,7 @@ pub(super) struct Weighed<'a> {
 impl Weighed<'_> {
     /// What a move changes of the shortages.
     pub(super) fn change(&self, pair: &Pair) -> i128 {
-        self.sum(pair, |k| self.upright.of.get(k).map_or(&[], Vec::as_slice))
+        self.sum(pair, |k| self.upright.of(k))
     }
 
     /// The same of triangles that are not upright alone: all others can only fall short.
@@ -345,11 +359,15 @@ impl<'a> Guard<'a> {
     /// Does it turn one over?
     pub(super) fn forbids(&mut self, number: usize, pair: &Pair) -> bool {
         let mut turns = false;
-        let of = |k: usize| self.upright.of.get(k).map_or(&[][..], Vec::as_slice);
-        changed(&self.sides, pair, of, |_, _, after| {
-            turns = shortage(after) > 0;
-            !turns
-        });
+        changed(
+            &self.sides,
+            pair,
+            |k| self.upright.of(k),
+            |_, _, after| {
+                turns = shortage(after) > 0;
+                !turns
+            },
+        );
         if turns {
             self.found[number] = self.step;
         }
@@ -360,7 +378,7 @@ impl<'a> Guard<'a> {
     pub(super) fn make(&mut self, pair: &Pair) {
         for &(k, d) in pair.iter().filter(|(_, d)| *d != 0.0) {
             self.upright.shift(&mut self.sides, k, d);
-            for (t, _) in self.upright.of.get(k).into_iter().flatten() {
+            for (t, _) in self.upright.of(k) {
                 for &other in &self.upright.on[*t as usize] {
                     self.changed[other as usize] = self.step;
                 }
@@ -371,14 +389,14 @@ impl<'a> Guard<'a> {
 }
 
 /// `by` holds a whole number.
-fn added(sides: &mut Sides, sum: &Sides, by: f64) {
+pub(super) fn added(sides: &mut Sides, sum: &Sides, by: f64) {
     for (side, c) in sides.iter_mut().zip(sum) {
         *side += c * by.round() as i64;
     }
 }
 
 /// By how much twice the area falls short of 1.
-fn shortage([px, py, qx, qy]: &Sides) -> i128 {
+pub(super) fn shortage([px, py, qx, qy]: &Sides) -> i128 {
     let product = |a: i64, b: i64| i128::from(a) * i128::from(b);
     (1 - (product(*px, *qy) - product(*py, *qx))).max(0)
 }
