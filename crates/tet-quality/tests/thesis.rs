@@ -314,8 +314,8 @@ fn membranes_end_on_the_molecule() {
         let audit = VolumeAudit::of(&improved.mesh);
         assert!(audit.is_valid(), "{audit:?}");
         let after = off(&improved.mesh);
-        assert!(after.len() > 50 && 20 * astray(&after) < after.len());
-        assert!(after.iter().all(|&d| d < 0.1), "{after:?}");
+        assert!(after.len() > 50 && 50 * astray(&after) < after.len());
+        assert!(after.iter().all(|&d| d < 0.05), "{after:?}");
         let angles = improved.report.after.all.min_dihedral;
         assert!(angles.min > least, "{method:?}: {angles:?}");
     }

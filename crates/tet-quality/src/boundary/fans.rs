@@ -86,8 +86,8 @@ pub(super) fn is_disk(fan: &[InterfaceFace]) -> bool {
 /// The faces between two of three regions that meet along a curve through a vertex.
 pub(super) struct Page {
     pub(super) pair: [Region; 2],
-    /// The ends of its faces' opposite edges, from the curve to the curve.
-    pub(super) rim: Vec<u32>,
+    /// The neighbours on the curve, ascending.
+    ends: [u32; 2],
 }
 
 /// The three open fans around a vertex on a curve in which three regions meet; `None` for any other vertex.
@@ -99,13 +99,9 @@ pub(super) fn pages(fan: &[InterfaceFace]) -> Option<[Page; 3]> {
     let pairs: [_; 3] = pairs.try_into().ok()?;
     let [a, b, c] = pairs.map(|pair| page(fan, pair));
     let pages = [a?, b?, c?];
-    let ends = |page: &Page| {
-        let (first, last) = (page.rim[0], page.rim[page.rim.len() - 1]);
-        [first.min(last), first.max(last)]
-    };
     pages
         .iter()
-        .all(|page| ends(page) == ends(&pages[0]))
+        .all(|page| page.ends == pages[0].ends)
         .then_some(pages)
 }
 
@@ -116,13 +112,14 @@ fn page(fan: &[InterfaceFace], pair: [Region; 2]) -> Option<Page> {
     let (first, None) = (starts.next()?, starts.next()) else {
         return None;
     };
-    let mut rim = first.others.to_vec();
-    while rim.len() <= own().count() {
-        let mut next = own().filter(|f| f.others[0] == rim[rim.len() - 1]);
+    let [start, mut end] = first.others;
+    for _ in 1..own().count() {
+        let mut next = own().filter(|f| f.others[0] == end);
         let (face, None) = (next.next()?, next.next()) else {
             return None;
         };
-        rim.push(face.others[1]);
+        end = face.others[1];
     }
-    Some(Page { pair, rim })
+    let ends = [start.min(end), start.max(end)];
+    Some(Page { pair, ends })
 }

@@ -448,10 +448,12 @@ impl<'a> Passes<'a> {
             tolerance,
             rescue: true,
         };
-        let project_to_foot = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
-            let far = is_far(&guarded.mesh, v, &rules);
-            far.then(|| to_foot(guarded, v, &rules, good, star))?
-        };
+        let project_to_foot =
+            |guarded: &GuardedMesh, v: u32, star: &mut Star| match is_far(&guarded.mesh, v, &rules)
+            {
+                true => to_foot(guarded, v, &rules, good, star),
+                false => None,
+            };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
         for _ in 0..SETTLE {
             self.guarded.mesh.know_tangents(&all, surface)?;

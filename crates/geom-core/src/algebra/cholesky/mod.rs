@@ -189,13 +189,13 @@ impl Symbolic {
             match factor_into::<f32>(self, plan, matrix) {
                 Ok(values) if self.pivots(&values).iter().all(holds) => {
                     let symbolic = self.clone();
-                    return Ok(SingleFactor(single::Kept::Rounded { symbolic, values }));
+                    return Ok(SingleFactor(single::Values::Rounded { symbolic, values }));
                 }
                 Ok(_) | Err(Error::NotPositiveDefinite { .. }) => {}
                 Err(error) => return Err(error),
             }
         }
-        Ok(SingleFactor(single::Kept::Whole(self.factor(matrix)?)))
+        Ok(SingleFactor(single::Values::Whole(self.factor(matrix)?)))
     }
 
     /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
@@ -255,16 +255,22 @@ impl Symbolic {
         values: &[V],
         columns: &[Vec<(usize, f64)>],
     ) -> Result<Vec<f64>, Error> {
-        self.check_rows(columns)?;
-        let entries = columns.len().saturating_mul(columns.len());
-        let mut gram = Vec::new();
-        gram.try_reserve_exact(entries)
-            .map_err(|_| Error::OutOfMemory { entries })?;
+        let mut gram = self.room_for(columns)?;
         let Some(Plan { schedule, .. }) = &self.inner.plan else {
             return Ok(gram);
         };
-        gram.resize(entries, 0.0);
+        gram.resize(columns.len() * columns.len(), 0.0);
         Ok(gram::inverse_gram(schedule, values, columns, gram))
+    }
+
+    /// For a number per pair of columns, which are columns of the matrix.
+    fn room_for(&self, columns: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
+        self.check_rows(columns)?;
+        let entries = columns.len().saturating_mul(columns.len());
+        let mut room = Vec::new();
+        room.try_reserve_exact(entries)
+            .map_err(|_| Error::OutOfMemory { entries })?;
+        Ok(room)
     }
 
     fn check_rows(&self, vectors: &[Vec<(usize, f64)>]) -> Result<(), Error> {
@@ -584,8 +590,7 @@ impl Cholesky {
         if self.symbolic.inner.plan.is_some() {
             return self.symbolic.inverse_gram(&self.values, columns);
         }
-        self.symbolic.check_rows(columns)?;
-        let mut gram = Vec::with_capacity(columns.len() * columns.len());
+        let mut gram = self.symbolic.room_for(columns)?;
         for b in columns {
             let x = self.solve_sparse(b)?;
             gram.extend(columns.iter().map(|c| dot(c, &x)));

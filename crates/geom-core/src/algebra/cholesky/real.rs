@@ -23,14 +23,8 @@ impl<const C: usize> WithSimd for Real<'_, C> {
     fn with_simd<S: Simd>(self, simd: S) {
         match (C, S::F64_LANES) {
             (8, _) => {
-                let Sweep {
-                    task,
-                    values,
-                    x,
-                    direction,
-                } = self.0;
-                let x = x.as_flattened_mut();
-                eight(simd, (task, values), x, direction);
+                let factor = (self.0.task, self.0.values);
+                eight(simd, factor, self.0.x.as_flattened_mut(), self.0.direction);
             }
             (1, 2..) => self.single(simd),
             _ => self.0.with_simd(simd),
@@ -227,6 +221,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
         let width = l.width;
         let mut c = 0;
         while c < width {
+            // The unknowns of a block by themselves, so that those behind it are changed once by all of them.
             let block = BLOCK.min(width - c);
             for k in c..c + block {
                 let column = &l.column(k)[..width];
@@ -253,6 +248,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
             }
             c += block;
         }
+        // The sums of a tile of rows stay in registers over all columns: rows below are far apart, and written once.
         let (tiles, rest) = l.rows.as_chunks::<T>();
         let mut at = width;
         for tile in tiles {
@@ -289,6 +285,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
         below: &[[S::f64s; R]],
     ) {
         let width = l.width;
+        // A tile of columns at a time: each row below, which may be far from the next, is read once for all of them.
         let mut c = 0;
         while c + T <= width {
             let columns = l.several::<T>(c, width..l.height);
@@ -304,6 +301,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
             }
             c += T;
         }
+        // The columns that fill no tile.
         while c < width {
             let mut sum = self.zero();
             for (&value, &row) in l.column(c)[width..].iter().zip(l.rows) {
@@ -321,6 +319,7 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
                 end % BLOCK
             };
             let first = end - block;
+            // What the unknowns behind a block take off it, before those within it do.
             if block == BLOCK {
                 let columns = l.several::<BLOCK>(first, 0..width);
                 let mut sums = [self.zero(); BLOCK];

@@ -12,10 +12,10 @@ const TILE: usize = 16;
 /// The factor of a [`Cholesky`] rounded to f32, from [`Symbolic::factor_single`]: `(L̃ L̃ᵀ)⁻¹` with L̃ close to L. Arithmetic is in
 /// f64, so that this is one symmetric positive definite operator whatever it is applied to, which preconditioners have to be.
 #[derive(Clone, Debug)]
-pub struct SingleFactor(pub(super) Kept);
+pub struct SingleFactor(pub(super) Values);
 
 #[derive(Clone, Debug)]
-pub(super) enum Kept {
+pub(super) enum Values {
     /// With supernodes.
     Rounded {
         symbolic: Symbolic,
@@ -58,8 +58,8 @@ impl SingleFactor {
     /// [`Error::RightHandSide`] for another number of values.
     pub fn solve(&self, b: &[f64]) -> Result<Vec<f64>, Error> {
         let (symbolic, values) = match &self.0 {
-            Kept::Rounded { symbolic, values } => (symbolic, values),
-            Kept::Whole(factor) => return factor.solve(b),
+            Values::Rounded { symbolic, values } => (symbolic, values),
+            Values::Whole(factor) => return factor.solve(b),
         };
         let (found, expected) = (b.len(), symbolic.rows());
         if found != expected {
@@ -90,8 +90,8 @@ impl SingleFactor {
     /// Rows of the matrix.
     pub fn rows(&self) -> usize {
         match &self.0 {
-            Kept::Rounded { symbolic, .. } => symbolic.rows(),
-            Kept::Whole(factor) => factor.rows(),
+            Values::Rounded { symbolic, .. } => symbolic.rows(),
+            Values::Whole(factor) => factor.rows(),
         }
     }
 
@@ -101,8 +101,8 @@ impl SingleFactor {
     /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
     pub fn inverse_gram(&self, columns: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
         match &self.0 {
-            Kept::Rounded { symbolic, values } => symbolic.inverse_gram(values, columns),
-            Kept::Whole(factor) => factor.inverse_gram(columns),
+            Values::Rounded { symbolic, values } => symbolic.inverse_gram(values, columns),
+            Values::Whole(factor) => factor.inverse_gram(columns),
         }
     }
 }
