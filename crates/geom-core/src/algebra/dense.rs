@@ -13,8 +13,8 @@ use rayon::prelude::*;
 
 /// Rows per task. Part of the result: another number, other last bits.
 const ROWS: usize = 2048;
-/// Rows of a strip of a tall block that stays in the cache while all its products are taken.
-const STRIP: usize = 256;
+/// Rows that are taken apart at a time.
+const TILE: usize = 128;
 
 fn width(blocks: &[Tall<'_>]) -> usize {
     blocks.iter().map(|a| a.columns).sum()
@@ -37,18 +37,14 @@ pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
     add_all(parts, length)
 }
 
-/// The same for some rows of B from `from` on, added to `out`.
+/// The same for some rows of B, which are those of A from `from` on, added to `out`.
 fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: Tall<'_>, from: usize) {
-    let n = b.rows();
-    for first in (0..n).step_by(STRIP) {
-        let rows = STRIP.min(n - first);
-        let mut rest = &mut *out;
-        for a in a.iter().filter(|a| a.columns > 0) {
-            let (out, more) = rest.split_at_mut(a.columns * b.columns);
-            rest = more;
-            tall::add_gram(out, a.part(from + first, rows), b.part(first, rows));
-        }
-    }
+    tall::add_gram(out, &parts(a, from, b.rows()), b);
+}
+
+/// Some rows of each block.
+fn parts<'a>(a: &[Tall<'a>], from: usize, rows: usize) -> Vec<Tall<'a>> {
+    a.iter().map(|a| a.part(from, rows)).collect()
 }
 
 /// `out ← out + scale · A C`, where `out` has `columns` columns, A stands in blocks side by side, and
@@ -71,11 +67,8 @@ fn add_product_part(
     scale: f64,
     from: usize,
 ) {
-    for (k, out) in out.chunks_mut(STRIP * columns).enumerate() {
-        let (first, rows) = (from + k * STRIP, out.len() / columns);
-        let parts: Vec<Tall<'_>> = a.iter().map(|a| a.part(first, rows)).collect();
-        tall::add_product(out, columns, &parts, c, scale);
-    }
+    let parts = parts(a, from, out.len() / columns);
+    tall::add_product(out, columns, &parts, c, scale);
 }
 
 /// `A C` as a new block of `columns` columns.
@@ -118,15 +111,47 @@ pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
     });
 }
 
+/// `Aᵀ W A` for a diagonal W. What A becomes is made for some rows at a time: no second block as large.
+pub(crate) fn weighted_gram(a: Tall<'_>, weights: &[f64]) -> Vec<f64> {
+    let (n, columns) = (a.rows(), a.columns);
+    let parts: Vec<Vec<f64>> = parallel::map(n.div_ceil(ROWS), |k| {
+        let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
+        let mut part = vec![0.0; columns * columns];
+        let own = a.part(from, rows);
+        let mut weighted = own.values.to_vec();
+        let rows = weighted.chunks_exact_mut(columns.max(1));
+        rows.zip(&weights[from..])
+            .for_each(|(row, w)| row.iter_mut().for_each(|x| *x *= w));
+        gram_part(&mut part, &[own], Tall::of(&weighted, columns), 0);
+        part
+    });
+    add_all(parts, columns * columns)
+}
+
+/// The rows of one block, each followed by that of another.
+pub(crate) fn beside(a: Tall<'_>, b: Tall<'_>) -> Vec<f64> {
+    let (m, n) = (a.columns, b.columns);
+    let mut out = vec![0.0; a.values.len() + b.values.len()];
+    parallel::for_chunks(&mut out, (m + n).max(1), |i, row| {
+        row[..m].copy_from_slice(&a.values[i * m..(i + 1) * m]);
+        row[m..].copy_from_slice(&b.values[i * n..(i + 1) * n]);
+    });
+    out
+}
+
 /// The columns of a block.
 pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
     // As many at once as lie in a line of the cache.
     let starts: Vec<usize> = (0..columns).step_by(8).collect();
     let parts = starts.into_par_iter().map(|first| {
-        let mut out = vec![Vec::with_capacity(block.len() / columns); (columns - first).min(8)];
-        for row in block.chunks_exact(columns) {
-            for (out, &x) in out.iter_mut().zip(&row[first..]) {
-                out.push(x);
+        let mut out = vec![vec![0.0; block.len() / columns]; (columns - first).min(8)];
+        // Some rows stay in the cache while each of the columns takes its own.
+        for (tile, rows) in block.chunks(TILE * columns).enumerate() {
+            for (j, out) in out.iter_mut().enumerate() {
+                let own = out[tile * TILE..]
+                    .iter_mut()
+                    .zip(rows.chunks_exact(columns));
+                own.for_each(|(x, row)| *x = row[first + j]);
             }
         }
         out

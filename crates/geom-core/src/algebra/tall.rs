@@ -1,13 +1,24 @@
 //! Products of tall blocks with the sums in registers.
 //!
 //! Blocks of a basis have few columns and very many rows. A library's product of matrices packs them first, which takes
-//! longer than the arithmetic; stored row after row they need no packing. Each sum is taken in the order of its rows or
-//! columns, whatever the width of a register.
+//! longer than the arithmetic; stored row after row they need no packing. Tiles of four rows by two registers of columns take three
+//! loads for four fused products. The blocks of a basis lie apart, and a few of them are read at a time, for which the processor
+//! fetches ahead. Each sum is taken in the order of its rows or columns, whatever the width of a register.
 
 use crate::compute::lanes;
 
 /// Sums that are held at a time: enough to hide the latency of a fused product.
 const SUMS: usize = 8;
+/// Half of them: two registers of each row.
+const HALF: usize = SUMS / 2;
+/// Rows of which sums are taken at a time, in the first cache. Part of the result: another number, other last bits.
+const GRAM_STRIP: usize = 128;
+/// Numbers of B that stay in the second cache while one block of A after the other is read.
+const KEPT: usize = 1 << 15;
+/// Rows of which products are taken at a time,
+const PRODUCT_STRIP: usize = 256;
+/// and blocks of a basis: their rows stay in the second cache while all columns are taken. Part of the result, too.
+const BLOCKS: usize = 8;
 
 /// A tall block: some columns, row after row. As many rows as `values` holds of that width.
 #[derive(Clone, Copy)]
@@ -31,8 +42,8 @@ impl<'a> Tall<'a> {
     }
 }
 
-/// `out ← out + Aᵀ B`, row after row.
-pub(super) fn add_gram(out: &mut [f64], a: Tall<'_>, b: Tall<'_>) {
+/// `out ← out + Aᵀ B`, row after row, where A stands in blocks side by side, each of the rows of B.
+pub(super) fn add_gram(out: &mut [f64], a: &[Tall<'_>], b: Tall<'_>) {
     lanes::vectorized(Gram { out, a, b });
 }
 
@@ -49,7 +60,7 @@ pub(super) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[
 
 struct Gram<'a> {
     out: &'a mut [f64],
-    a: Tall<'a>,
+    a: &'a [Tall<'a>],
     b: Tall<'a>,
 }
 
@@ -57,56 +68,76 @@ impl lanes::WithSimd for Gram<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: lanes::Simd>(mut self, simd: S) {
-        let mut i = 0;
-        while i < self.a.columns {
-            let rows = SUMS.min(self.a.columns - i);
-            match rows {
-                SUMS => self.rows::<S, SUMS>(simd, i),
-                4.. => self.rows::<S, 4>(simd, i),
-                2.. => self.rows::<S, 2>(simd, i),
-                _ => self.rows::<S, 1>(simd, i),
+    fn with_simd<S: lanes::Simd>(self, simd: S) {
+        let (n, rows) = (self.b.columns, self.b.rows());
+        let kept = (KEPT / n.max(1)).next_multiple_of(GRAM_STRIP);
+        for start in (0..rows).step_by(kept) {
+            let end = (start + kept).min(rows);
+            let mut at = 0;
+            for a in self.a {
+                let out = &mut self.out[at * n..(at + a.columns) * n];
+                at += a.columns;
+                for first in (start..end).step_by(GRAM_STRIP) {
+                    let count = GRAM_STRIP.min(end - first);
+                    gram_of(simd, out, a.part(first, count), self.b.part(first, count));
+                }
             }
-            i += match rows {
-                SUMS => SUMS,
-                4.. => 4,
-                2.. => 2,
-                _ => 1,
-            };
         }
     }
 }
 
-impl Gram<'_> {
-    /// `P` rows of the result. Plain loops: an iterator's step that is not inlined here is a call per row of the blocks.
-    #[inline(always)]
-    fn rows<S: lanes::Simd, const P: usize>(&mut self, simd: S, i: usize) {
-        let (m, n) = (self.a.columns, self.b.columns);
-        let rows = self.a.rows().min(self.b.rows());
-        let whole = n - n % S::F64_LANES;
-        let mut j = 0;
-        while j < n {
-            let end = (j + S::F64_LANES).min(n);
-            let mut sums = [simd.splat_f64s(0.0); P];
-            for row in 0..rows {
-                let a = &self.a.values[row * m + i..row * m + i + P];
-                let b = &self.b.values[row * n + j..row * n + end];
-                let b = if j < whole {
-                    S::as_simd_f64s(b).0[0]
-                } else {
-                    simd.partial_load_f64s(b)
-                };
-                for p in 0..P {
-                    sums[p] = simd.mul_add_e_f64s(simd.splat_f64s(a[p]), b, sums[p]);
-                }
+/// The products of one block's columns with all of B, tile by tile.
+#[inline(always)]
+fn gram_of<S: lanes::Simd>(simd: S, out: &mut [f64], a: Tall<'_>, b: Tall<'_>) {
+    let mut j = 0;
+    while j < b.columns {
+        let wide = b.columns - j >= 2 * S::F64_LANES;
+        let mut i = 0;
+        while i < a.columns {
+            let left = a.columns - i;
+            i += match (wide, left) {
+                (true, HALF..) => gram_tile::<S, HALF, 2>(simd, out, (a, i), (b, j)),
+                (true, _) => gram_tile::<S, 1, 2>(simd, out, (a, i), (b, j)),
+                (false, SUMS..) => gram_tile::<S, SUMS, 1>(simd, out, (a, i), (b, j)),
+                (false, HALF..) => gram_tile::<S, HALF, 1>(simd, out, (a, i), (b, j)),
+                (false, _) => gram_tile::<S, 1, 1>(simd, out, (a, i), (b, j)),
+            };
+        }
+        j += if wide { 2 } else { 1 } * S::F64_LANES;
+    }
+}
+
+/// `P` rows and `Q` registers of columns of the result; `P`. Plain loops: an iterator's step that is not inlined here is a call
+/// per row of the blocks.
+#[inline(always)]
+fn gram_tile<S: lanes::Simd, const P: usize, const Q: usize>(
+    simd: S,
+    out: &mut [f64],
+    (a, i): (Tall<'_>, usize),
+    (b, j): (Tall<'_>, usize),
+) -> usize {
+    let (m, n, rows) = (a.columns, b.columns, b.rows());
+    let width = (Q * S::F64_LANES).min(n - j);
+    let mut sums = [[simd.splat_f64s(0.0); Q]; P];
+    for row in 0..rows {
+        let a = &a.values[row * m + i..row * m + i + P];
+        let b = &b.values[row * n + j..row * n + j + width];
+        let mut own = [simd.splat_f64s(0.0); Q];
+        for (q, own) in own.iter_mut().enumerate() {
+            *own = load(simd, b, q);
+        }
+        for p in 0..P {
+            let a = simd.splat_f64s(a[p]);
+            for q in 0..Q {
+                sums[p][q] = simd.mul_add_e_f64s(a, own[q], sums[p][q]);
             }
-            for (p, sum) in sums.into_iter().enumerate() {
-                let row = (i + p) * n;
-                add(simd, &mut self.out[row + j..row + end], sum);
-            }
-            j = end;
         }
     }
+    for (p, sums) in sums.iter().enumerate() {
+        let row = (i + p) * n + j;
+        add(simd, &mut out[row..row + width], sums);
+    }
+    P
 }
 
 struct Product<'a> {
@@ -120,41 +151,76 @@ struct Product<'a> {
 impl lanes::WithSimd for Product<'_> {
     type Output = ();
 
-    /// A few columns at a time, for which C is copied side by side, with zeros up to the width of a register.
+    /// Panels of two registers of columns, or one, for which C is copied side by side, with zeros up to the width of a register.
     #[inline(always)]
     fn with_simd<S: lanes::Simd>(mut self, simd: S) {
-        let rows = self.out.len() / self.columns;
-        let whole = rows - rows % SUMS;
-        let mut packed = Vec::with_capacity(self.c.len() / self.columns * S::F64_LANES);
-        for at in (0..self.columns).step_by(S::F64_LANES) {
-            let end = (at + S::F64_LANES).min(self.columns);
-            packed.clear();
-            for row in self.c.chunks_exact(self.columns) {
+        let (lanes, columns) = (S::F64_LANES, self.columns);
+        let depth = self.c.len() / columns;
+        let mut packed = Vec::with_capacity(depth * columns.next_multiple_of(lanes));
+        let panels = |wide: usize| (0..columns).step_by(wide);
+        for at in panels(2 * lanes) {
+            let end = (at + 2 * lanes).min(columns);
+            for row in self.c.chunks_exact(columns) {
                 packed.extend_from_slice(&row[at..end]);
-                packed.resize(packed.len() + S::F64_LANES - (end - at), 0.0);
+                let width = (end - at).next_multiple_of(lanes);
+                packed.resize(packed.len() + width - (end - at), 0.0);
             }
-            for row in (0..whole).step_by(SUMS) {
-                self.rows::<S, SUMS>(simd, row, at..end, &packed);
-            }
-            for row in whole..rows {
-                self.rows::<S, 1>(simd, row, at..end, &packed);
+        }
+        let rows = self.out.len() / columns;
+        let all = self.a;
+        for first in (0..rows).step_by(PRODUCT_STRIP) {
+            let strip = first..(first + PRODUCT_STRIP).min(rows);
+            let mut done = 0;
+            for a in all.chunks(BLOCKS) {
+                self.a = a;
+                let own = done..done + a.iter().map(|a| a.columns).sum::<usize>();
+                done = own.end;
+                for at in panels(2 * lanes) {
+                    let panel = &packed[at * depth..];
+                    if columns - at > lanes {
+                        let panel = &panel[2 * lanes * own.start..2 * lanes * own.end];
+                        self.panel::<S, HALF, 2>(simd, strip.clone(), at, panel);
+                    } else {
+                        let panel = &panel[lanes * own.start..lanes * own.end];
+                        self.panel::<S, SUMS, 1>(simd, strip.clone(), at, panel);
+                    }
+                }
             }
         }
     }
 }
 
 impl Product<'_> {
-    /// `P` rows of some columns of the result.
+    /// `Q` registers of columns of a strip, `P` rows at a time.
     #[inline(always)]
-    fn rows<S: lanes::Simd, const P: usize>(
+    fn panel<S: lanes::Simd, const P: usize, const Q: usize>(
+        &mut self,
+        simd: S,
+        strip: std::ops::Range<usize>,
+        at: usize,
+        packed: &[f64],
+    ) {
+        let mut row = strip.start;
+        while row + P <= strip.end {
+            self.tile::<S, P, Q>(simd, row, at, packed);
+            row += P;
+        }
+        for row in row..strip.end {
+            self.tile::<S, 1, Q>(simd, row, at, packed);
+        }
+    }
+
+    /// `P` rows of `Q` registers of columns of the result.
+    #[inline(always)]
+    fn tile<S: lanes::Simd, const P: usize, const Q: usize>(
         &mut self,
         simd: S,
         row: usize,
-        at: std::ops::Range<usize>,
+        at: usize,
         packed: &[f64],
     ) {
-        let mut sums = [simd.splat_f64s(0.0); P];
-        let mut c = S::as_simd_f64s(packed).0;
+        let mut sums = [[simd.splat_f64s(0.0); Q]; P];
+        let mut c = S::as_simd_f64s(packed).0.as_chunks::<Q>().0;
         for block in self.a {
             let m = block.columns;
             let (own, more) = c.split_at(m);
@@ -165,29 +231,56 @@ impl Product<'_> {
                 let a = &a.as_chunks::<SUMS>().0[..P];
                 for k in 0..SUMS {
                     for p in 0..P {
-                        sums[p] = simd.mul_add_e_f64s(simd.splat_f64s(a[p][k]), own[k], sums[p]);
+                        let a = simd.splat_f64s(a[p][k]);
+                        for q in 0..Q {
+                            sums[p][q] = simd.mul_add_e_f64s(a, own[k][q], sums[p][q]);
+                        }
                     }
                 }
                 continue;
             }
-            for (k, &c) in own.iter().enumerate() {
+            for (k, own) in own.iter().enumerate() {
                 for p in 0..P {
-                    sums[p] = simd.mul_add_e_f64s(simd.splat_f64s(a[p * m + k]), c, sums[p]);
+                    let a = simd.splat_f64s(a[p * m + k]);
+                    for q in 0..Q {
+                        sums[p][q] = simd.mul_add_e_f64s(a, own[q], sums[p][q]);
+                    }
                 }
             }
         }
         let scale = simd.splat_f64s(self.scale);
-        for (p, sum) in sums.into_iter().enumerate() {
-            let first = (row + p) * self.columns;
-            let out = &mut self.out[first + at.start..first + at.end];
-            add(simd, out, simd.mul_f64s(scale, sum));
+        let width = (Q * S::F64_LANES).min(self.columns - at);
+        for (p, mut sums) in sums.into_iter().enumerate() {
+            for sum in &mut sums {
+                *sum = simd.mul_f64s(scale, *sum);
+            }
+            let first = (row + p) * self.columns + at;
+            add(simd, &mut self.out[first..first + width], &sums);
         }
     }
 }
 
-/// Adds to as many numbers as there are, at most those of a register.
+/// The `q`-th register of some numbers, with zeros where there are no more.
 #[inline(always)]
-fn add<S: lanes::Simd>(simd: S, out: &mut [f64], sum: S::f64s) {
-    let new = simd.add_f64s(simd.partial_load_f64s(out), sum);
-    simd.partial_store_f64s(out, new);
+fn load<S: lanes::Simd>(simd: S, values: &[f64], q: usize) -> S::f64s {
+    let (whole, rest) = S::as_simd_f64s(values);
+    match whole.get(q) {
+        Some(&register) => register,
+        None => simd.partial_load_f64s(rest),
+    }
+}
+
+/// Adds to as many numbers as there are, at most those of the registers.
+#[inline(always)]
+fn add<S: lanes::Simd, const Q: usize>(simd: S, out: &mut [f64], sums: &[S::f64s; Q]) {
+    let (whole, rest) = S::as_mut_simd_f64s(out);
+    for (q, &sum) in sums.iter().enumerate() {
+        match whole.get_mut(q) {
+            Some(register) => *register = simd.add_f64s(*register, sum),
+            None => {
+                let new = simd.add_f64s(simd.partial_load_f64s(rest), sum);
+                simd.partial_store_f64s(rest, new);
+            }
+        }
+    }
 }

@@ -225,10 +225,17 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "columns of a block beyond the eighth are those before them",
         "crates/geom-core/src/algebra/tall.rs",
-        "&self.b.values[row * n + j..row * n + end]",
-        "&self.b.values[row * n..row * n + end - j]",
+        "let b = &b.values[row * n + j..row * n + j + width];",
+        "let b = &b.values[row * n..row * n + width];",
     )
     .seen_by("spectral::any_width_of_a_block"),
+    Fault::wrong(
+        "what rounding brings back of older columns stays",
+        "crates/geom-core/src/algebra/eigen/basis.rs",
+        "dense::add_product(&mut pair, 2 * b, &older, &overlaps, -1.0);",
+        "dense::add_product(&mut pair, 2 * b, &older, &overlaps, -0.0);",
+    )
+    .seen_by("graph::multigrid_agrees_with_the_factor"),
     Fault::wrong(
         "corner_distortion.wgsl: the next side's derivative for both",
         "shaders/wgsl/geom_core/corner_distortion.wgsl",

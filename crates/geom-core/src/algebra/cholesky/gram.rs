@@ -181,7 +181,7 @@ fn add(gram: &mut [f64], n: usize, columns: &[Reaching], groups: &[Group], own: 
         let blocks = products.chunks_exact_mut(LANES * LANES);
         for (other, block) in blocks.enumerate() {
             let both = groups[g].from.max(groups[other].from);
-            tall::add_gram(block, tall(g, both), tall(other, both));
+            tall::add_gram(block, &[tall(g, both)], tall(other, both));
         }
         products
     });

@@ -117,7 +117,7 @@ pub(super) fn pairs(
             if locked == 1 {
                 out.push((0.0, pencil.constant()));
             }
-            out.extend(rayleigh_ritz(pencil, &x, count)?);
+            out.extend(rayleigh_ritz(pencil, x, count)?);
             return Ok(out);
         }
         block = if targets.len() == b {

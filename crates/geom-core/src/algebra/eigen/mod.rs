@@ -356,10 +356,16 @@ fn eigenpairs_on(
     let vectors: Vec<Vec<f64>> = pairs
         .into_par_iter()
         .map(|(_, index, vector)| {
-            let mut all = vec![0.0; n];
-            for (&row, x) in split.parts[index].iter().zip(vector) {
-                all[row as usize] = x;
-            }
+            let rows = &split.parts[index];
+            let mut all = if rows.len() == n {
+                vector
+            } else {
+                let mut all = vec![0.0; n];
+                for (&row, x) in rows.iter().zip(vector) {
+                    all[row as usize] = x;
+                }
+                all
+            };
             orient(&mut all);
             all
         })
@@ -484,13 +490,19 @@ fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Er
 
 /// The best pairs of the span of `count` columns, by K and M themselves. Small in memory beside the search, it takes
 /// out of the vectors what single steps have left of each other, and gives `xᵀ M x = 1`.
-fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
+fn rayleigh_ritz(pencil: &Pencil<'_>, mut x: Vec<f64>, count: usize) -> Result<Vec<Pair>, Error> {
     use dense::Tall;
-    let image = pencil.stiffness.multiply(x, count);
-    let a = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
-    let image = pencil.mass_times(x, count);
-    let g = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
+    let tall = Tall::of(&x, count);
+    let image = pencil.stiffness.multiply(&x, count);
+    let a = dense::gram(&[tall], Tall::of(&image, count));
     drop(image);
+    let g = match pencil.mass {
+        Mass::Lumped(masses) => dense::weighted_gram(tall, masses),
+        Mass::Consistent(mass) => {
+            let image = mass.multiply(&x, count);
+            dense::gram(&[tall], Tall::of(&image, count))
+        }
+    };
     let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
     if let Some(&row) = dead.first() {
         return Err(algebra::Error::NotPositiveDefinite { row }.into());
@@ -500,7 +512,7 @@ fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pai
     let reduced = dense::gram(&[Tall::of(&inverse, count)], Tall::of(&c, count));
     let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
     let turn = dense::product(&[Tall::of(&inverse, count)], &u, count);
-    let x = dense::product(&[Tall::of(x, count)], &turn, count);
+    dense::turn(&mut x, count, &turn);
 
     let vectors = dense::separate(&x, count);
     Ok(values.into_iter().zip(vectors).collect())
