@@ -38,7 +38,17 @@ impl BoxedTriangle {
         if !self.bounds.intersects(&other.bounds) {
             return false;
         }
-        self.common(other) < 2 && (self.goes_through(other) || other.goes_through(self))
+        if self.common(other) >= 2 {
+            return false;
+        }
+        // One that lies on one side of the other's plane settles most pairs (Möller, *A fast triangle–triangle
+        // intersection test*, 1997).
+        let own = self.sides_of(other);
+        if !are_on_both(&own) {
+            return false;
+        }
+        let others = other.sides_of(self);
+        are_on_both(&others) && (self.goes_through(other, own) || other.goes_through(self, others))
     }
 
     /// How many corners two triangles share.
@@ -46,11 +56,15 @@ impl BoxedTriangle {
         self.ids.iter().filter(|v| other.ids.contains(v)).count()
     }
 
-    /// Does an edge go through the other triangle? Edges at a common corner lie beside it.
-    fn goes_through(&self, other: &Self) -> bool {
+    /// On which side of the other's plane each corner lies: the sign.
+    fn sides_of(&self, other: &Self) -> [f64; 3] {
         let [a, b, c] = other.corners;
-        // On which side of the other's plane each corner lies settles most pairs.
-        let sides = self.corners.map(|p| six_volume([a, b, c, p]));
+        self.corners.map(|p| six_volume([a, b, c, p]))
+    }
+
+    /// Does an edge go through the other triangle, of whose plane corners lie on these sides? Edges at a common corner lie
+    /// beside it.
+    fn goes_through(&self, other: &Self, sides: [f64; 3]) -> bool {
         (0..3).any(|i| {
             let (i, j) = (i, (i + 1) % 3);
             sides[i] * sides[j] < 0.0
@@ -58,6 +72,11 @@ impl BoxedTriangle {
                 && surrounds([self.corners[i], self.corners[j]], other.corners)
         })
     }
+}
+
+/// Are there corners on both sides of a plane, and not only in it?
+fn are_on_both(sides: &[f64; 3]) -> bool {
+    sides.iter().any(|&s| s < 0.0) && sides.iter().any(|&s| s > 0.0)
 }
 
 /// Does the line through two points go through the triangle?
