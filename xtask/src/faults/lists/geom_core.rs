@@ -230,13 +230,6 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("spectral::any_width_of_a_block"),
     Fault::wrong(
-        "what rounding brings back of older columns stays",
-        "crates/geom-core/src/algebra/eigen/basis.rs",
-        "dense::add_product(&mut pair, 2 * b, &older, &overlaps, -1.0);",
-        "dense::add_product(&mut pair, 2 * b, &older, &overlaps, -0.0);",
-    )
-    .seen_by("graph::multigrid_agrees_with_the_factor"),
-    Fault::wrong(
         "corner_distortion.wgsl: the next side's derivative for both",
         "shaders/wgsl/geom_core/corner_distortion.wgsl",
         "out[2u * i + 1u] = vec4<f32>(first.z, second);",

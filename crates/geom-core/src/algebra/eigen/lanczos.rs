@@ -6,8 +6,8 @@
 //! singular. After m blocks the operator seen by the basis is a band matrix, whose eigenvalues (Ritz values) converge from the
 //! largest on. When the basis is full, the best vectors are kept and the rest given up: a restart.
 //!
-//! A new block is orthogonalized against the two before it, and together with the newest of these against all others only
-//! when rounding may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
+//! A new block is orthogonalized against the two before it, and against all others only when rounding
+//! may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
 //! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).
 
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ use crate::algebra::{Cholesky, Symbolic};
 use crate::compute::random::SplitMix64;
 
 /// Overlap of a new block with an older one at which it is orthogonalized anew.
-const DRIFT: f64 = 1e-9;
+const DRIFT: f64 = 1e-10;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
 
@@ -134,7 +134,9 @@ pub(super) fn pairs(
         basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut random);
         h.add_block(at, block, &taken.c);
         if drift.step(&h, at, block, (locked, near), &taken.r) {
-            basis.reorthogonalize(&mut image, block);
+            let mut rest = Taken::nothing(at + block, block);
+            basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
+            taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
         }
         let coupling = taken.r;
         next = image;
@@ -174,7 +176,7 @@ pub(super) fn pairs(
                 at,
                 columns: block,
             };
-            return finish(pencil, inverse, basis, &ritz, &last, locked, k + 1);
+            return finish(pencil, &inverse, &basis, &ritz, &last, locked, k + 1);
         }
         if full {
             restarts += 1;
@@ -228,12 +230,13 @@ impl Checks {
 struct Drift {
     newest: Vec<f64>,
     before: Vec<f64>,
+    /// The block before was orthogonalized against all, so this one has to be as well.
+    again: bool,
 }
 
 impl Drift {
     /// After the step that brought the block at column `at` into the basis and left the next one with
-    /// the factor `r`: are both to be orthogonalized against all? One alone would not do: the block after them has what
-    /// either has left.
+    /// the factor `r`: is that to be orthogonalized against all?
     fn step(
         &mut self,
         h: &Projected,
@@ -245,18 +248,23 @@ impl Drift {
         let m = at + b;
         self.newest.resize(m * b, 0.0);
         self.before.resize(m * b, 0.0);
+        let t = h.leading(m);
         let columns = |from: usize| -> Vec<f64> {
-            let row = |i: usize| (0..b).map(move |j| h.get(from + i, at + j));
-            (0..b).flat_map(row).collect()
+            let row = |i: usize| (0..b).map(move |j| (from + i, at + j));
+            let entries = (0..b).flat_map(row);
+            entries.map(|(i, j)| t[i * m + j]).collect()
         };
-        let image = h.times(&self.newest, m, b);
+        let image = dense::product(&[Tall::of(&t, m)], &self.newest, b);
         let own = dense::product(&[Tall::of(&self.newest, b)], &columns(at), b);
         let old = if near < at && near + b == at {
             dense::product(&[Tall::of(&self.before, b)], &columns(near), b)
         } else {
             vec![0.0; m * b]
         };
-        let size = ROUNDING * h.largest(locked..m);
+        let size = ROUNDING
+            * t.iter()
+                .skip(locked * (m + 1))
+                .fold(0.0, |s, &x| f64::max(s, x.abs()));
         let overlap = image.iter().zip(&own).zip(&old).map(|((i, o), b)| {
             let sum = i - o - b;
             sum + size.copysign(sum)
@@ -271,12 +279,13 @@ impl Drift {
         let worst = next.iter().fold(0.0, |s, &x| f64::max(s, x.abs()));
         // A NaN is a reason as well.
         let clean = worst <= DRIFT;
-        if !clean {
+        let all = self.again || !clean;
+        self.again = !clean && !self.again;
+        if all {
             next.fill(ROUNDING);
-            self.newest.fill(ROUNDING);
         }
         self.before = std::mem::replace(&mut self.newest, next);
-        !clean
+        all
     }
 }
 
@@ -308,8 +317,8 @@ struct LastBlock<'a> {
 /// eigenvalues once more.
 fn finish(
     pencil: &Pencil<'_>,
-    inverse: Inverse<'_>,
-    basis: Basis<'_>,
+    inverse: &Inverse<'_>,
+    basis: &Basis<'_>,
     ritz: &Ritz,
     last: &LastBlock<'_>,
     locked: usize,
@@ -333,7 +342,6 @@ fn finish(
     blocks.push(Tall::of(last.values, b));
     let mut x = dense::product(&blocks, &y, count);
     inverse.restore(&mut x, count);
-    drop((basis, inverse));
 
     let mut out = Vec::with_capacity(count + locked);
     if locked == 1 {
@@ -365,28 +373,6 @@ impl Projected {
 
     fn set(&mut self, i: usize, j: usize, value: f64) {
         self.values[i * self.width + j] = value;
-    }
-
-    fn get(&self, i: usize, j: usize) -> f64 {
-        self.values[i * self.width + j]
-    }
-
-    /// Its first `m` rows and columns times a block of `b` vectors. Most of them are zero: a block couples with its neighbours.
-    fn times(&self, block: &[f64], m: usize, b: usize) -> Vec<f64> {
-        let mut out = vec![0.0; m * b];
-        for (out, row) in out.chunks_mut(b).zip(self.values.chunks(self.width)) {
-            for (x, &t) in block.chunks(b).zip(&row[..m]) {
-                if t != 0.0 {
-                    out.iter_mut().zip(x).for_each(|(y, x)| *y += t * x);
-                }
-            }
-        }
-        out
-    }
-
-    /// The largest magnitude on the diagonal of these rows: the size of a positive operator.
-    fn largest(&self, rows: std::ops::Range<usize>) -> f64 {
-        rows.fold(0.0, |s, i| f64::max(s, self.get(i, i)))
     }
 
     fn clear(&mut self) {
