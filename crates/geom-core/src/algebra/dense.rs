@@ -27,11 +27,20 @@ pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
     if length == 0 {
         return Vec::new();
     }
-    let n = b.rows();
+    sum_over_rows(b.rows(), length, |part, from, rows| {
+        gram_part(part, a, b.part(from, rows), from);
+    })
+}
+
+/// A sum over `n` rows: what `add` adds for some of them, given the first and how many, in their order.
+fn sum_over_rows(
+    n: usize,
+    length: usize,
+    add: impl Fn(&mut [f64], usize, usize) + Sync,
+) -> Vec<f64> {
     let parts: Vec<Vec<f64>> = parallel::map(n.div_ceil(ROWS), |k| {
-        let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
         let mut part = vec![0.0; length];
-        gram_part(&mut part, a, b.part(from, rows), from);
+        add(&mut part, k * ROWS, ROWS.min(n - k * ROWS));
         part
     });
     add_all(parts, length)
@@ -111,21 +120,16 @@ pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
     });
 }
 
-/// `Aᵀ W A` for a diagonal W. What A becomes is made for some rows at a time: no second block as large.
+/// `Aᵀ W A` for a diagonal W. `W A` is made for some rows at a time: no second block as large.
 pub(crate) fn weighted_gram(a: Tall<'_>, weights: &[f64]) -> Vec<f64> {
-    let (n, columns) = (a.rows(), a.columns);
-    let parts: Vec<Vec<f64>> = parallel::map(n.div_ceil(ROWS), |k| {
-        let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
-        let mut part = vec![0.0; columns * columns];
+    let columns = a.columns;
+    sum_over_rows(a.rows(), columns * columns, |part, from, rows| {
         let own = a.part(from, rows);
         let mut weighted = own.values.to_vec();
-        let rows = weighted.chunks_exact_mut(columns.max(1));
-        rows.zip(&weights[from..])
-            .for_each(|(row, w)| row.iter_mut().for_each(|x| *x *= w));
-        gram_part(&mut part, &[own], Tall::of(&weighted, columns), 0);
-        part
-    });
-    add_all(parts, columns * columns)
+        let rows = weighted.chunks_exact_mut(columns).zip(&weights[from..]);
+        rows.for_each(|(row, w)| row.iter_mut().for_each(|x| *x *= w));
+        gram_part(part, &[own], Tall::of(&weighted, columns), 0);
+    })
 }
 
 /// The columns of a block.

@@ -154,11 +154,12 @@ impl lanes::WithSimd for Product<'_> {
     /// Panels of two registers of columns, or one, for which C is copied side by side, with zeros up to the width of a register.
     #[inline(always)]
     fn with_simd<S: lanes::Simd>(mut self, simd: S) {
+        let blocks = self.a;
         let (lanes, columns) = (S::F64_LANES, self.columns);
         let depth = self.c.len() / columns;
         let mut packed = Vec::with_capacity(depth * columns.next_multiple_of(lanes));
-        let panels = |wide: usize| (0..columns).step_by(wide);
-        for at in panels(2 * lanes) {
+        let panels = || (0..columns).step_by(2 * lanes);
+        for at in panels() {
             let end = (at + 2 * lanes).min(columns);
             for row in self.c.chunks_exact(columns) {
                 packed.extend_from_slice(&row[at..end]);
@@ -167,22 +168,20 @@ impl lanes::WithSimd for Product<'_> {
             }
         }
         let rows = self.out.len() / columns;
-        let all = self.a;
         for first in (0..rows).step_by(PRODUCT_STRIP) {
             let strip = first..(first + PRODUCT_STRIP).min(rows);
             let mut done = 0;
-            for a in all.chunks(BLOCKS) {
-                self.a = a;
+            for a in blocks.chunks(BLOCKS) {
                 let own = done..done + a.iter().map(|a| a.columns).sum::<usize>();
                 done = own.end;
-                for at in panels(2 * lanes) {
+                for at in panels() {
                     let panel = &packed[at * depth..];
                     if columns - at > lanes {
                         let panel = &panel[2 * lanes * own.start..2 * lanes * own.end];
-                        self.panel::<S, HALF, 2>(simd, strip.clone(), at, panel);
+                        self.panel::<S, HALF, 2>(simd, a, strip.clone(), at, panel);
                     } else {
                         let panel = &panel[lanes * own.start..lanes * own.end];
-                        self.panel::<S, SUMS, 1>(simd, strip.clone(), at, panel);
+                        self.panel::<S, SUMS, 1>(simd, a, strip.clone(), at, panel);
                     }
                 }
             }
@@ -196,17 +195,18 @@ impl Product<'_> {
     fn panel<S: lanes::Simd, const P: usize, const Q: usize>(
         &mut self,
         simd: S,
+        a: &[Tall<'_>],
         strip: std::ops::Range<usize>,
         at: usize,
         packed: &[f64],
     ) {
         let mut row = strip.start;
         while row + P <= strip.end {
-            self.tile::<S, P, Q>(simd, row, at, packed);
+            self.tile::<S, P, Q>(simd, a, row, at, packed);
             row += P;
         }
         for row in row..strip.end {
-            self.tile::<S, 1, Q>(simd, row, at, packed);
+            self.tile::<S, 1, Q>(simd, a, row, at, packed);
         }
     }
 
@@ -215,13 +215,14 @@ impl Product<'_> {
     fn tile<S: lanes::Simd, const P: usize, const Q: usize>(
         &mut self,
         simd: S,
+        a: &[Tall<'_>],
         row: usize,
         at: usize,
         packed: &[f64],
     ) {
         let mut sums = [[simd.splat_f64s(0.0); Q]; P];
         let mut c = S::as_simd_f64s(packed).0.as_chunks::<Q>().0;
-        for block in self.a {
+        for block in a {
             let m = block.columns;
             let (own, more) = c.split_at(m);
             c = more;

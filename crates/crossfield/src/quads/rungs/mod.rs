@@ -118,10 +118,10 @@ const FINER: u32 = 3;
 const MILDER: u32 = 2;
 /// Smoothing of the rungs, in that asked for: less of it.
 const ROUGHER: [f64; 2] = [0.7, 0.5];
-/// Triangles from which on finer ones take so long that one of these fields is tried before them in any case.
-const COSTLY: usize = 20_000;
 /// And more.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
+/// Triangles from which on finer ones take so long that a rougher field is tried before them in any case.
+const COSTLY: usize = 20_000;
 
 /// The quads of one connected part, narrower along the gradient of a slope.
 pub(super) fn part_quads(
@@ -403,7 +403,7 @@ impl Rungs<'_> {
     /// worth one of them: its integers may lie better, in a fraction of the time that finer triangles take.
     fn rougher(&mut self, part: &Part, wishes: &Wishes) -> Result<Option<QuadMesh>, Error> {
         if !self.unfit && part.mesh.triangles().len() >= COSTLY && !self.effort.is_spent() {
-            // What it takes is not taken from the finer triangles.
+            // What it takes is not taken from the finer triangles, also where it has too many integers: the field asked for had not.
             let left = self.effort.left();
             let made = self.with_field(part, wishes, ROUGHER[0], Rung::Rougher)?;
             self.effort = Effort::worth(left);

@@ -176,7 +176,7 @@ pub(super) fn pairs(
                 at,
                 columns: block,
             };
-            return finish(pencil, &inverse, &basis, &ritz, &last, locked, k + 1);
+            return finish(pencil, inverse, basis, &ritz, &last, locked, k + 1);
         }
         if full {
             restarts += 1;
@@ -317,8 +317,8 @@ struct LastBlock<'a> {
 /// eigenvalues once more.
 fn finish(
     pencil: &Pencil<'_>,
-    inverse: &Inverse<'_>,
-    basis: &Basis<'_>,
+    inverse: Inverse<'_>,
+    basis: Basis<'_>,
     ritz: &Ritz,
     last: &LastBlock<'_>,
     locked: usize,
@@ -342,6 +342,8 @@ fn finish(
     blocks.push(Tall::of(last.values, b));
     let mut x = dense::product(&blocks, &y, count);
     inverse.restore(&mut x, count);
+    // Rayleigh–Ritz needs neither, and blocks of its own.
+    drop((basis, inverse));
 
     let mut out = Vec::with_capacity(count + locked);
     if locked == 1 {
