@@ -122,14 +122,25 @@ fn consistent_mass_brackets_the_lumped_one() {
 /// A flat torus has no place in space, but a grid on it has: the five-point stiffness of squares of
 /// side h, whose eigenvalues are known, and tend to those of the torus with second order.
 fn flat_torus(nx: usize, ny: usize, h: f64) -> (SparseMatrix, Mass) {
+    weighted_torus(nx, ny, h, |_| 1.0)
+}
+
+/// The same with a weight for the edges to the right of and above each point.
+fn weighted_torus(
+    nx: usize,
+    ny: usize,
+    h: f64,
+    weight: impl Fn(usize) -> f64,
+) -> (SparseMatrix, Mass) {
     let at = |i: usize, j: usize| (i % nx + nx * (j % ny)) as u32;
     let mut entries = Vec::new();
     for j in 0..ny {
         for i in 0..nx {
             let own = at(i, j);
+            let w = weight(own as usize);
             for other in [at(i + 1, j), at(i, j + 1)] {
-                entries.extend([(own, own, 1.0), (other, other, 1.0)]);
-                entries.extend([(own, other, -1.0), (other, own, -1.0)]);
+                entries.extend([(own, own, w), (other, other, w)]);
+                entries.extend([(own, other, -w), (other, own, -w)]);
             }
         }
     }
@@ -137,15 +148,21 @@ fn flat_torus(nx: usize, ny: usize, h: f64) -> (SparseMatrix, Mass) {
     (matrix, Mass::Lumped(vec![h * h; nx * ny]))
 }
 
-#[test]
-fn flat_torus_against_its_closed_form() {
-    let (nx, ny, h) = (60usize, 34usize, 0.25);
-    let (stiffness, mass) = flat_torus(nx, ny, h);
+/// Its eigenvalues, ascending.
+fn of_flat_torus(nx: usize, ny: usize, h: f64) -> Vec<f64> {
     let wave = |p: usize, n: usize| 2.0 - 2.0 * (std::f64::consts::TAU * p as f64 / n as f64).cos();
     let mut exact: Vec<f64> = (0..nx * ny)
         .map(|c| (wave(c % nx, nx) + wave(c / nx, ny)) / (h * h))
         .collect();
     exact.sort_by(f64::total_cmp);
+    exact
+}
+
+#[test]
+fn flat_torus_against_its_closed_form() {
+    let (nx, ny, h) = (60usize, 34usize, 0.25);
+    let (stiffness, mass) = flat_torus(nx, ny, h);
+    let exact = of_flat_torus(nx, ny, h);
     let options = Options {
         verify: true,
         ..Options::default()
@@ -167,6 +184,38 @@ fn flat_torus_against_its_closed_form() {
             .iter()
             .all(|c| exact[c.end - 1] / exact[c.start] < 1.05)
     );
+}
+
+/// A shift far below makes the wanted pairs lie close together, so that they take restart upon restart: each begins with vectors
+/// that are orthonormal, whatever the one before had lost.
+#[test]
+fn many_restarts_lose_no_orthogonality() {
+    let (nx, ny, h) = (60usize, 34usize, 0.25);
+    let (stiffness, mass) = flat_torus(nx, ny, h);
+    let options = Options {
+        shift: Some(-50.0),
+        ..Options::default()
+    };
+    let pairs = eigenpairs(&stiffness, &mass, 20, &options, Run::on(&Cpu)).unwrap();
+    check(&pairs, 20);
+    assert!(pairs.report.restarts >= 4, "{:?}", pairs.report);
+    for (found, exact) in pairs.values.iter().zip(of_flat_torus(nx, ny, h)) {
+        assert!(
+            (found - exact).abs() <= 1e-10 * exact.max(0.01),
+            "{found} {exact}"
+        );
+    }
+}
+
+/// A few heavy edges change what the mean of the diagonal is, not where the smallest eigenvalues are: the shift stays near those.
+#[test]
+fn weights_of_many_orders_take_no_restart() {
+    let (nx, ny, h) = (60usize, 34usize, 0.25);
+    let weight = |i: usize| if i.is_multiple_of(23) { 1e4 } else { 1.0 };
+    let (stiffness, mass) = weighted_torus(nx, ny, h, weight);
+    let pairs = eigenpairs(&stiffness, &mass, 20, &Options::default(), Run::on(&Cpu)).unwrap();
+    check(&pairs, 20);
+    assert_eq!(pairs.report.restarts, 0, "{:?}", pairs.report);
 }
 
 /// A rectangle a × b with free borders: π² (p²/a² + q²/b²).

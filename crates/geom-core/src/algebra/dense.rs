@@ -132,6 +132,17 @@ pub(crate) fn weighted_gram(a: Tall<'_>, weights: &[f64]) -> Vec<f64> {
     })
 }
 
+/// The rows of one block, each followed by that of another.
+pub(crate) fn beside(a: Tall<'_>, b: Tall<'_>) -> Vec<f64> {
+    let (m, n) = (a.columns, b.columns);
+    let mut out = vec![0.0; a.values.len() + b.values.len()];
+    parallel::for_chunks(&mut out, (m + n).max(1), |i, row| {
+        row[..m].copy_from_slice(&a.values[i * m..(i + 1) * m]);
+        row[m..].copy_from_slice(&b.values[i * n..(i + 1) * n]);
+    });
+    out
+}
+
 /// The columns of a block.
 pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
     // As many at once as lie in a line of the cache.

@@ -11,6 +11,27 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("solver::energies_of_sparse_vectors_are_those_of_solves"),
     Fault::wrong(
+        "a shift far below lets the blocks of a basis drift as far as the usual one",
+        "crates/geom-core/src/algebra/eigen/lanczos.rs",
+        "DRIFT * (usual / shift).abs().min(1.0)",
+        "DRIFT",
+    )
+    .seen_by("spectral::many_restarts_lose_no_orthogonality"),
+    Fault::wrong(
+        "the shift is of the size of the largest weights",
+        "crates/geom-core/src/algebra/eigen/lanczos.rs",
+        "let half = diagonal.len() / 2;",
+        "let half = diagonal.len() - 1;",
+    )
+    .seen_by("spectral::weights_of_many_orders_take_no_restart"),
+    Fault::wrong(
+        "of the two newest blocks only one loses what rounding brought back",
+        "crates/geom-core/src/algebra/eigen/basis.rs",
+        "for (block, from) in [(&mut newest.values[..], 0), (next, b)] {",
+        "for (block, from) in [(&mut newest.values[..], 0), (&mut next.to_vec()[..], b)] {",
+    )
+    .seen_by("spectral::many_restarts_lose_no_orthogonality"),
+    Fault::wrong(
         "the first row that a column reaches in a subtree is left out",
         "crates/geom-core/src/algebra/cholesky/gram.rs",
         "first.min(task.own.len())",

@@ -189,6 +189,42 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// Becomes `keep` combinations of its columns (see [`Columns::combine`]), orthonormal to the last digits again: what its
+    /// blocks had of each other is in all of them, and would grow on.
+    pub(super) fn restart(
+        &mut self,
+        y: &[f64],
+        keep: usize,
+        locked: usize,
+        random: &mut SplitMix64,
+    ) {
+        self.columns.combine(y, keep, locked);
+        if let Some(mut kept) = self.columns.blocks.pop() {
+            let b = kept.columns;
+            let mut taken = Taken::nothing(keep, b);
+            self.orthonormalize(&mut kept.values, b, (0, 0), &mut taken, random);
+            self.columns.blocks.push(kept);
+        }
+    }
+
+    /// Takes out of the newest block of the basis and of the next, each of `b` columns, what rounding has brought back of all
+    /// older ones: both at once, since the time goes into reading those. So little is taken that lengths stay.
+    pub(super) fn reorthogonalize(&mut self, next: &mut [f64], b: usize) {
+        let Some(mut newest) = self.columns.blocks.pop() else {
+            return;
+        };
+        let older = self.columns.tall();
+        let mut pair = dense::beside(Tall::of(&newest.values, b), Tall::of(next, b));
+        let overlaps = dense::gram(&older, Tall::of(&self.image(&pair, 2 * b), 2 * b));
+        dense::add_product(&mut pair, 2 * b, &older, &overlaps, -1.0);
+        for (block, from) in [(&mut newest.values[..], 0), (next, b)] {
+            parallel::for_chunks(block, b, |i, row| {
+                row.copy_from_slice(&pair[2 * b * i + from..][..b]);
+            });
+        }
+        self.columns.blocks.push(newest);
+    }
+
     /// The numbers of these columns, block after block, in the order of [`Columns::among`].
     fn rows_among(&self, locked: usize, near: usize) -> Vec<Range<usize>> {
         let wanted = |b: &&Block| b.first < locked || b.first >= near;

@@ -6,8 +6,8 @@
 //! singular. After m blocks the operator seen by the basis is a band matrix, whose eigenvalues (Ritz values) converge from the
 //! largest on. When the basis is full, the best vectors are kept and the rest given up: a restart.
 //!
-//! A new block is orthogonalized against the two before it, and against all others only when rounding
-//! may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
+//! A new block is orthogonalized against the two before it, and together with the newest of these against all others only
+//! when rounding may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
 //! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).
 
 use rayon::prelude::*;
@@ -20,8 +20,12 @@ use crate::algebra::dense::{self, Tall};
 use crate::algebra::{Cholesky, Symbolic};
 use crate::compute::random::SplitMix64;
 
-/// Overlap of a new block with an older one at which it is orthogonalized anew.
-const DRIFT: f64 = 1e-10;
+/// Overlap of a new block with an older one at which it is orthogonalized anew, with the usual shift.
+const DRIFT: f64 = 1e-9;
+/// Overlap whose square is not lost in rounding: what is left of the block has other lengths and angles.
+const MUCH: f64 = 1e-8;
+/// The shift, in what Weyl's law tells of the smallest eigenvalue.
+const NEAR_ZERO: f64 = 0.05;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
 
@@ -87,7 +91,8 @@ pub(super) fn pairs(
 ) -> Result<Vec<Pair>, Error> {
     let n = pencil.rows();
     run.progress("factor", 0, 1)?;
-    let shift = options.shift.unwrap_or_else(|| default_shift(pencil));
+    let usual = default_shift(pencil);
+    let shift = options.shift.unwrap_or(usual);
     let inverse = Inverse::of(pencil, shift)?;
     report.factor_entries = report.factor_entries.max(inverse.factor.factor_entries());
     run.progress("factor", 1, 1)?;
@@ -113,7 +118,9 @@ pub(super) fn pairs(
     let mut next = step(&random_block(n, block, &mut random), &basis, report)?;
     let mut taken = Taken::nothing(locked, block);
     basis.orthonormalize(&mut next, block, (0, 0), &mut taken, &mut random);
-    let mut drift = Drift::default();
+    // Far below zero all θ are alike, and what the recurrence lacks of a product counts for more in a difference of two.
+    let limit = DRIFT * (usual / shift).abs().min(1.0);
+    let mut drift = Drift::within(limit);
     let mut restarts = 0;
     let mut kept = 0;
     let mut ready = 0;
@@ -133,7 +140,11 @@ pub(super) fn pairs(
         let mut taken = Taken::nothing(at + block, block);
         basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut random);
         h.add_block(at, block, &taken.c);
-        if drift.step(&h, at, block, (locked, near), &taken.r) {
+        let overlap = drift.step(&h, at, block, (locked, near), &taken.r);
+        if overlap > limit {
+            basis.reorthogonalize(&mut image, block);
+        }
+        if overlap > MUCH {
             let mut rest = Taken::nothing(at + block, block);
             basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
             taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
@@ -180,13 +191,15 @@ pub(super) fn pairs(
         }
         if full {
             restarts += 1;
-            basis.columns.combine(&ritz.columns(keep), keep, locked);
+            basis.restart(&ritz.columns(keep), keep, locked, &mut random);
+            let mut rest = Taken::nothing(keep, block);
+            basis.orthonormalize(&mut next, block, (0, 0), &mut rest, &mut random);
             h.clear();
             for (j, &t) in ritz.theta.iter().take(keep).enumerate() {
                 h.set(j, j, t);
             }
             kept = keep;
-            drift = Drift::default();
+            drift = Drift::within(limit);
             checks = Checks::new(keep + 2 * block);
         }
     }
@@ -226,17 +239,26 @@ impl Checks {
 ///
 /// Estimated from the recurrence that the blocks themselves obey, with rounding added at each step: no product with the
 /// basis is needed to know when one would be.
-#[derive(Default)]
 struct Drift {
     newest: Vec<f64>,
     before: Vec<f64>,
-    /// The block before was orthogonalized against all, so this one has to be as well.
-    again: bool,
+    /// What may stay.
+    limit: f64,
 }
 
 impl Drift {
+    /// Of a basis that has none yet.
+    fn within(limit: f64) -> Self {
+        Self {
+            newest: Vec::new(),
+            before: Vec::new(),
+            limit,
+        }
+    }
+
     /// After the step that brought the block at column `at` into the basis and left the next one with
-    /// the factor `r`: is that to be orthogonalized against all?
+    /// the factor `r`: the largest. One beyond the limit is to be taken out of both at once: the block after them has what
+    /// either has left.
     fn step(
         &mut self,
         h: &Projected,
@@ -244,27 +266,22 @@ impl Drift {
         b: usize,
         (locked, near): (usize, usize),
         r: &[f64],
-    ) -> bool {
+    ) -> f64 {
         let m = at + b;
         self.newest.resize(m * b, 0.0);
         self.before.resize(m * b, 0.0);
-        let t = h.leading(m);
         let columns = |from: usize| -> Vec<f64> {
-            let row = |i: usize| (0..b).map(move |j| (from + i, at + j));
-            let entries = (0..b).flat_map(row);
-            entries.map(|(i, j)| t[i * m + j]).collect()
+            let row = |i: usize| (0..b).map(move |j| h.get(from + i, at + j));
+            (0..b).flat_map(row).collect()
         };
-        let image = dense::product(&[Tall::of(&t, m)], &self.newest, b);
+        let image = h.times(&self.newest, m, b);
         let own = dense::product(&[Tall::of(&self.newest, b)], &columns(at), b);
         let old = if near < at && near + b == at {
             dense::product(&[Tall::of(&self.before, b)], &columns(near), b)
         } else {
             vec![0.0; m * b]
         };
-        let size = ROUNDING
-            * t.iter()
-                .skip(locked * (m + 1))
-                .fold(0.0, |s, &x| f64::max(s, x.abs()));
+        let size = ROUNDING * h.largest(locked..m);
         let overlap = image.iter().zip(&own).zip(&old).map(|((i, o), b)| {
             let sum = i - o - b;
             sum + size.copysign(sum)
@@ -277,27 +294,26 @@ impl Drift {
             }
         }
         let worst = next.iter().fold(0.0, |s, &x| f64::max(s, x.abs()));
-        // A NaN is a reason as well.
-        let clean = worst <= DRIFT;
-        let all = self.again || !clean;
-        self.again = !clean && !self.again;
-        if all {
+        if worst > self.limit {
             next.fill(ROUNDING);
+            self.newest.fill(ROUNDING);
         }
         self.before = std::mem::replace(&mut self.newest, next);
-        all
+        worst
     }
 }
 
-/// Slightly below zero, of the size of the smallest eigenvalue of a surface: the mean eigenvalue
-/// over the number of rows. Too near to zero, `K − σM` is nearly singular along the constants; too far, the wanted
-/// eigenvalues move together.
+/// Slightly below zero: a small part of what the smallest eigenvalue of a surface is by Weyl's law, which is the middle
+/// diagonal entry of K over the area. Too near to zero, `K − σM` is nearly singular along the constants; too far, the wanted
+/// eigenvalues move together. The middle one, since weights of many orders (`e^K` of a curved surface) have a mean that is
+/// their largest alone.
 fn default_shift(pencil: &Pencil<'_>) -> f64 {
-    let trace: f64 = pencil.stiffness.diagonal().iter().sum();
+    let mut diagonal = pencil.stiffness.diagonal();
+    let half = diagonal.len() / 2;
+    let (_, &mut middle, _) = diagonal.select_nth_unstable_by(half, f64::total_cmp);
     let total: f64 = pencil.lumped.iter().sum();
-    let rows = pencil.rows() as f64;
-    if trace > 0.0 {
-        -trace / total / rows
+    if middle > 0.0 {
+        -NEAR_ZERO * middle / total
     } else {
         -1.0
     }
@@ -375,6 +391,28 @@ impl Projected {
 
     fn set(&mut self, i: usize, j: usize, value: f64) {
         self.values[i * self.width + j] = value;
+    }
+
+    fn get(&self, i: usize, j: usize) -> f64 {
+        self.values[i * self.width + j]
+    }
+
+    /// Its first `m` rows and columns times a block of `b` vectors. Most of them are zero: a block couples with its neighbours.
+    fn times(&self, block: &[f64], m: usize, b: usize) -> Vec<f64> {
+        let mut out = vec![0.0; m * b];
+        for (out, row) in out.chunks_mut(b).zip(self.values.chunks(self.width)) {
+            for (x, &t) in block.chunks(b).zip(&row[..m]) {
+                if t != 0.0 {
+                    out.iter_mut().zip(x).for_each(|(y, x)| *y += t * x);
+                }
+            }
+        }
+        out
+    }
+
+    /// The largest magnitude on the diagonal of these rows: the size of a positive operator.
+    fn largest(&self, rows: std::ops::Range<usize>) -> f64 {
+        rows.fold(0.0, |s, i| f64::max(s, self.get(i, i).abs()))
     }
 
     fn clear(&mut self) {

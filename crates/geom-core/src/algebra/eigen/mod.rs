@@ -83,7 +83,7 @@ pub struct Options {
     pub tolerance: f64,
     /// How large parts are solved.
     pub method: Method,
-    /// σ of shift–invert; `None`: a small negative number from the traces of K and M. `K − σM` must
+    /// σ of shift–invert; `None`: a small negative number from the diagonal of K and the trace of M. `K − σM` must
     /// be positive definite. Multigrid has no shift and refuses one; a part that is solved densely needs none.
     pub shift: Option<f64>,
     /// Vectors per block of the Krylov space; an eigenvalue of higher multiplicity in one connected
