@@ -13,6 +13,8 @@ use rayon::prelude::*;
 
 /// Rows per task. Part of the result: another number, other last bits.
 const ROWS: usize = 2048;
+/// Rows of a basis that stay in the second cache while two blocks are multiplied with them.
+const STRIP: usize = 256;
 /// Rows that are taken apart at a time.
 const TILE: usize = 128;
 
@@ -56,6 +58,23 @@ fn parts<'a>(a: &[Tall<'a>], from: usize, rows: usize) -> Vec<Tall<'a>> {
     a.iter().map(|a| a.part(from, rows)).collect()
 }
 
+/// `Aᵀ B` for two B of as many columns each, while A is read once.
+pub(crate) fn gram_of_two(a: &[Tall<'_>], b: [Tall<'_>; 2]) -> [Vec<f64>; 2] {
+    let length = width(a) * b[0].columns;
+    let mut first = sum_over_rows(b[0].rows(), 2 * length, |part, from, rows| {
+        let end = from + rows;
+        for at in (from..end).step_by(STRIP) {
+            let count = STRIP.min(end - at);
+            let a = parts(a, at, count);
+            for (out, b) in part.chunks_mut(length.max(1)).zip(b) {
+                tall::add_gram(out, &a, b.part(at, count));
+            }
+        }
+    });
+    let second = first.split_off(length);
+    [first, second]
+}
+
 /// `out ← out + scale · A C`, where `out` has `columns` columns, A stands in blocks side by side, and
 /// C is `width of A × columns`, row after row. Rows do not depend on each other, so pieces are handed out as they come.
 pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[f64], scale: f64) {
@@ -78,6 +97,26 @@ fn add_product_part(
 ) {
     let parts = parts(a, from, out.len() / columns);
     tall::add_product(out, columns, &parts, c, scale);
+}
+
+/// `W ← W − A C` for two W of as many columns each, while A is read once.
+pub(crate) fn subtract_from_two(
+    w: [&mut [f64]; 2],
+    columns: usize,
+    a: &[Tall<'_>],
+    c: [&[f64]; 2],
+) {
+    let rows = w.map(|w| w.par_chunks_mut(STRIP * columns));
+    let [first, second] = rows;
+    first
+        .zip(second)
+        .enumerate()
+        .for_each(|(k, (first, second))| {
+            let a = parts(a, k * STRIP, first.len() / columns);
+            for (w, c) in [first, second].into_iter().zip(c) {
+                tall::add_product(w, columns, &a, c, -1.0);
+            }
+        });
 }
 
 /// `A C` as a new block of `columns` columns.
@@ -130,17 +169,6 @@ pub(crate) fn weighted_gram(a: Tall<'_>, weights: &[f64]) -> Vec<f64> {
         rows.for_each(|(row, w)| row.iter_mut().for_each(|x| *x *= w));
         gram_part(part, &[own], Tall::of(&weighted, columns), 0);
     })
-}
-
-/// The rows of one block, each followed by that of another.
-pub(crate) fn beside(a: Tall<'_>, b: Tall<'_>) -> Vec<f64> {
-    let (m, n) = (a.columns, b.columns);
-    let mut out = vec![0.0; a.values.len() + b.values.len()];
-    parallel::for_chunks(&mut out, (m + n).max(1), |i, row| {
-        row[..m].copy_from_slice(&a.values[i * m..(i + 1) * m]);
-        row[m..].copy_from_slice(&b.values[i * n..(i + 1) * n]);
-    });
-    out
 }
 
 /// The columns of a block.

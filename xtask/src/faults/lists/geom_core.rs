@@ -27,8 +27,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "of the two newest blocks only one loses what rounding brought back",
         "crates/geom-core/src/algebra/eigen/basis.rs",
-        "for (block, from) in [(&mut newest.values[..], 0), (next, b)] {",
-        "for (block, from) in [(&mut newest.values[..], 0), (&mut next.to_vec()[..], b)] {",
+        "subtract_from_two([&mut newest.values, next],",
+        "subtract_from_two([&mut newest.values, &mut next.to_vec()],",
     )
     .seen_by("spectral::many_restarts_lose_no_orthogonality"),
     Fault::wrong(

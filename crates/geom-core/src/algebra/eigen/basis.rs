@@ -214,14 +214,10 @@ impl<'a> Basis<'a> {
             return;
         };
         let older = self.columns.tall();
-        let mut pair = dense::beside(Tall::of(&newest.values, b), Tall::of(next, b));
-        let overlaps = dense::gram(&older, Tall::of(&self.image(&pair, 2 * b), 2 * b));
-        dense::add_product(&mut pair, 2 * b, &older, &overlaps, -1.0);
-        for (block, from) in [(&mut newest.values[..], 0), (next, b)] {
-            parallel::for_chunks(block, b, |i, row| {
-                row.copy_from_slice(&pair[2 * b * i + from..][..b]);
-            });
-        }
+        let [image, other] = [&newest.values, &*next].map(|w| self.image(w, b));
+        let [own, rest] = dense::gram_of_two(&older, [Tall::of(&image, b), Tall::of(&other, b)]);
+        drop((image, other));
+        dense::subtract_from_two([&mut newest.values, next], b, &older, [&own, &rest]);
         self.columns.blocks.push(newest);
     }
 

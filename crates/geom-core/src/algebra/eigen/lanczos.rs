@@ -22,8 +22,8 @@ use crate::compute::random::SplitMix64;
 
 /// Overlap of a new block with an older one at which it is orthogonalized anew, with the usual shift.
 const DRIFT: f64 = 1e-9;
-/// Overlap whose square is not lost in rounding: what is left of the block has other lengths and angles.
-const MUCH: f64 = 1e-8;
+/// Overlap whose square is more than may stay: what is left of the block has other lengths and angles.
+const MUCH: f64 = 1e-6;
 /// The shift, in what Weyl's law tells of the smallest eigenvalue.
 const NEAR_ZERO: f64 = 0.05;
 /// What one step of rounding adds to an overlap, of the size of the operator.
