@@ -170,6 +170,9 @@ fn given(matches: &ArgMatches) -> Vec<String> {
         .collect()
 }
 
+/// Threads for each core from which on they mostly wait.
+const MANY: usize = 4;
+
 /// One run with arguments that have been read, the names of those `given` on the command line, and a flag that stops it;
 /// what it says when it is done.
 pub fn run_with<A>(
@@ -183,10 +186,8 @@ where
     A: HasCommon + Serialize + Sync,
 {
     let common = args.common();
-    let threads = common.threads.map_or_else(
-        || std::thread::available_parallelism().map_or(1, usize::from),
-        usize::from,
-    );
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = common.threads.map_or(cores, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?;
@@ -203,6 +204,11 @@ where
         "threads": threads,
     });
     let session = Session::open(common, given, stop, head)?;
+    if threads > MANY * cores {
+        session.warn(format!(
+            "--threads {threads} wait for each other on {cores} cores; --threads {cores} gives the same in less time"
+        ))?;
+    }
     pool.install(|| work(args, &session))?;
     session.close()
 }

@@ -76,6 +76,25 @@ fn outputs_appear_together_with_a_report() {
 }
 
 #[test]
+fn far_more_threads_than_cores_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let warnings = |threads: &str| -> Value {
+        let out = folder.path().join(threads);
+        let out = out.to_str().unwrap();
+        let args = Args::parse_from(["test", "--quiet", "--threads", threads, "--out", out]);
+        run_with("test", &args, Vec::new(), Arc::default(), |_, _| Ok(())).unwrap();
+        let report = std::fs::read(Path::new(out).join("report.json")).unwrap();
+        serde_json::from_slice::<Value>(&report).unwrap()["advice"]["warnings"].clone()
+    };
+    assert_eq!(warnings("1"), Value::Null);
+    let many = warnings("1024");
+    assert!(
+        many[0].as_str().unwrap().contains("--threads 1024"),
+        "{many}"
+    );
+}
+
+#[test]
 fn a_failure_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a/b");
