@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Rows per task. Part of the result: another number, other last bits.
 const ROWS: usize = 2048;
-/// Rows of a basis that stay in the second cache while two blocks are multiplied with them.
+/// Rows of a basis that stay in the second cache while two blocks are multiplied with them. Part of the result, too.
 const STRIP: usize = 256;
 /// Rows that are taken apart at a time.
 const TILE: usize = 128;
@@ -106,8 +106,7 @@ pub(crate) fn subtract_from_two(
     a: &[Tall<'_>],
     c: [&[f64]; 2],
 ) {
-    let rows = w.map(|w| w.par_chunks_mut(STRIP * columns));
-    let [first, second] = rows;
+    let [first, second] = w.map(|w| w.par_chunks_mut(STRIP * columns));
     first
         .zip(second)
         .enumerate()

@@ -140,14 +140,13 @@ pub(super) fn pairs(
         let mut taken = Taken::nothing(at + block, block);
         basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut random);
         h.add_block(at, block, &taken.c);
-        let overlap = drift.step(&h, at, block, (locked, near), &taken.r);
-        if overlap > limit {
+        if let Some(overlap) = drift.step(&h, at, block, (locked, near), &taken.r) {
             basis.reorthogonalize(&mut image, block);
-        }
-        if overlap > MUCH {
-            let mut rest = Taken::nothing(at + block, block);
-            basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
-            taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
+            if overlap > MUCH {
+                let mut rest = Taken::nothing(at + block, block);
+                basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
+                taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
+            }
         }
         let coupling = taken.r;
         next = image;
@@ -257,8 +256,8 @@ impl Drift {
     }
 
     /// After the step that brought the block at column `at` into the basis and left the next one with
-    /// the factor `r`: the largest. One beyond the limit is to be taken out of both at once: the block after them has what
-    /// either has left.
+    /// the factor `r`: the largest, if beyond the limit. It is to be taken out of both at once: the block after them has
+    /// what either has left.
     fn step(
         &mut self,
         h: &Projected,
@@ -266,7 +265,7 @@ impl Drift {
         b: usize,
         (locked, near): (usize, usize),
         r: &[f64],
-    ) -> f64 {
+    ) -> Option<f64> {
         let m = at + b;
         self.newest.resize(m * b, 0.0);
         self.before.resize(m * b, 0.0);
@@ -294,12 +293,13 @@ impl Drift {
             }
         }
         let worst = next.iter().fold(0.0, |s, &x| f64::max(s, x.abs()));
-        if worst > self.limit {
+        let much = worst > self.limit;
+        if much {
             next.fill(ROUNDING);
             self.newest.fill(ROUNDING);
         }
         self.before = std::mem::replace(&mut self.newest, next);
-        worst
+        much.then_some(worst)
     }
 }
 
@@ -309,14 +309,13 @@ impl Drift {
 /// their largest alone.
 fn default_shift(pencil: &Pencil<'_>) -> f64 {
     let mut diagonal = pencil.stiffness.diagonal();
+    let mean = diagonal.iter().sum::<f64>() / diagonal.len() as f64;
     let half = diagonal.len() / 2;
     let (_, &mut middle, _) = diagonal.select_nth_unstable_by(half, f64::total_cmp);
     let total: f64 = pencil.lumped.iter().sum();
-    if middle > 0.0 {
-        -NEAR_ZERO * middle / total
-    } else {
-        -1.0
-    }
+    // Weights may also vanish on more than half of a surface, or on all of it.
+    let size = [middle, mean].into_iter().find(|&x| x > 0.0);
+    size.map_or(-1.0, |size| -NEAR_ZERO * size / total)
 }
 
 /// The block that would be next, and how the newest block of the basis couples to it.
