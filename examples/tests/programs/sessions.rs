@@ -87,11 +87,10 @@ fn far_more_threads_than_cores_are_warned_of() {
         serde_json::from_slice::<Value>(&report).unwrap()["advice"]["warnings"].clone()
     };
     assert_eq!(warnings("1"), Value::Null);
+    let cores = std::thread::available_parallelism().unwrap().get();
     let many = warnings("1024");
-    assert!(
-        many[0].as_str().unwrap().contains("--threads 1024"),
-        "{many}"
-    );
+    let said = many[0].as_str().unwrap_or_default();
+    assert_eq!(said.contains("--threads 1024"), 4 * cores < 1024, "{many}");
 }
 
 #[test]
