@@ -186,8 +186,8 @@ fn flat_torus_against_its_closed_form() {
     );
 }
 
-/// A shift far below makes the wanted pairs lie close together, so that they take restart upon restart: each begins with vectors
-/// that are orthonormal, whatever the one before had lost.
+/// A shift far below makes the wanted pairs lie close together, so that they take restart upon restart, and what blocks have of
+/// each other counts for more.
 #[test]
 fn many_restarts_lose_no_orthogonality() {
     let (nx, ny, h) = (60usize, 34usize, 0.25);
