@@ -38,6 +38,10 @@ struct Args {
     /// Rounds of smoothing of a triangle mesh's normals
     #[arg(long, value_name = "N", default_value_t = segments::Settings::default().normal_rounds, value_parser = clap::value_parser!(u32).range(0..=100))]
     normal_rounds: u32,
+    /// Even out what is smaller than this share of the body's thickness, for the normals of a triangle mesh alone
+    /// [default: 0.05 with --operator parts, else 0]
+    #[arg(long, value_name = "SHARE")]
+    detail: Option<f64>,
     /// Modes on the contact sheet, besides those that the segments need
     #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=60))]
     modes: u16,
@@ -135,6 +139,14 @@ impl Args {
         Cut::Modes(Box::new((spectrum, segments)))
     }
 
+    fn detail(&self) -> f64 {
+        let usual = match self.operator {
+            OperatorName::Parts => segments::Settings::default().detail,
+            _ => 0.0,
+        };
+        self.detail.unwrap_or(usual)
+    }
+
     fn part_options(&self) -> PartOptions {
         PartOptions {
             groups: self.groups.map(usize::from),
@@ -163,7 +175,10 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         OperatorName::Lbo => {
             let because = "is of --operator slo and --operator concave";
             session.refuse(&["weight", "regularization"], because)?;
-            session.refuse(&["normal_rounds"], "changes nothing of --operator lbo")?;
+            session.refuse(
+                &["normal_rounds", "detail"],
+                "changes nothing of --operator lbo",
+            )?;
         }
         OperatorName::Parts => {
             session.refuse(&["weight"], "is of --operator slo and --operator concave")?;
@@ -176,6 +191,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let asked = segments::Settings {
         cut: args.cut(),
         normal_rounds: args.normal_rounds,
+        detail: args.detail(),
     };
     let read = session.stage("reading", || {
         io::mesh::read_up_to(&args.input, session.memory())
@@ -183,7 +199,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let done = match read.mesh {
         AnyMesh::Quad(mesh) => {
             session.refuse(
-                &["normal_rounds"],
+                &["normal_rounds", "detail"],
                 "is for triangles, and the input has quads",
             )?;
             let surface = session.stage("limit surface", || Surface::new(mesh))?;

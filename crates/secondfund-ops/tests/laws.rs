@@ -13,10 +13,10 @@ use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
 use secondfund_ops::catmull::{Jet, subdivide};
 use secondfund_ops::flow::{filter_normals, filter_quad_normals};
-use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric};
+use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric, shape_diameter};
 use secondfund_ops::options::{FlowOperator, Quadrature};
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
-use secondfund_ops::segment::rivals::{concavity_aware, shape_diameter, shape_diameter_mode};
+use secondfund_ops::segment::rivals::{concavity_aware, shape_diameter_mode};
 use secondfund_ops::segment::{consensus, davies_bouldin, medoids, parts};
 use secondfund_ops::testing::{
     box_errors, dimpled_ball, halved, rounded_box, shaken, shaken_quads,
@@ -377,6 +377,36 @@ fn second_derivatives_of_quads_converge() {
     assert!(finest < 4e-4, "{finest}");
 }
 
+/// The same waves are detail on a thick body, a ball, and shape on one as thin as they are long, a ring. What is left of them:
+/// the root mean square distance of normals from those of the body without waves, over that of the mesh's own normals.
+#[test]
+fn detail_is_what_is_small_beside_the_thickness() {
+    let height = |angle: f64| 0.01 * (20.0 * angle).sin();
+    let waved = |body: &TriMesh, outward: &dyn Fn(&Point3) -> (Vector3, f64)| {
+        let outward: Vec<_> = body.positions().iter().map(outward).collect();
+        let places = body.positions().iter().zip(&outward);
+        let places = places.map(|(p, (n, angle))| p + n * height(*angle));
+        let mesh = TriMesh::new(places.collect(), body.triangles().to_vec()).unwrap();
+        let left = |detail: f64| {
+            let Ok(Normals::Given(normals)) = Normals::without_detail(&mesh, 3, detail) else {
+                panic!("no normals");
+            };
+            let off = normals.iter().zip(&outward);
+            off.map(|(n, (m, _))| (n - m).norm_squared())
+                .sum::<f64>()
+                .sqrt()
+        };
+        left(Normals::DETAIL) / left(0.0)
+    };
+    let ball = waved(&shapes::icosphere(1.0, 5), &|p| (p.coords, p.z.acos()));
+    let ring = waved(&shapes::torus(1.0, 0.1, 240, 24), &|p| {
+        let middle = Vector3::new(p.x, p.y, 0.0).normalize();
+        ((p.coords - middle).normalize(), p.y.atan2(p.x))
+    });
+    println!("of waves is left {ball:.2} on a ball and {ring:.2} on a ring");
+    assert!(ball < 0.35 && ring > 0.9, "{ball} {ring}");
+}
+
 /// Normals of a sphere as they are, and those of its mesh, give nearly the same spectrum.
 #[test]
 fn given_normals_and_those_of_the_mesh_agree() {
@@ -688,6 +718,13 @@ fn bad_input_is_named() {
         ..SpectrumOptions::default()
     };
     assert!(matches!(run(&negative), Error::Option(_)));
+    for detail in [-0.1, f64::NAN] {
+        let error = Normals::without_detail(&sphere, 3, detail).unwrap_err();
+        assert!(matches!(error, Error::Option(o) if o.option == "detail"));
+    }
+    let empty = TriMesh::new(Vec::new(), Vec::new()).unwrap();
+    let error = Normals::without_detail(&empty, 3, 0.05).unwrap_err();
+    assert_eq!(error, Error::NoExtent);
     let other = Normals::Given(vec![Vector3::z(); 5]);
     let wrong = spectrum(
         &Element::Triangles(&sphere, &other),

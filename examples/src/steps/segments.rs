@@ -27,6 +27,8 @@ pub struct Settings {
     pub cut: Cut,
     /// Rounds of smoothing of a triangle mesh's normals.
     pub normal_rounds: u32,
+    /// What is smaller than this share of the thickness of the body is left out of them.
+    pub detail: f64,
 }
 
 impl Default for Settings {
@@ -34,6 +36,7 @@ impl Default for Settings {
         Self {
             cut: Cut::Parts(PartOptions::default()),
             normal_rounds: 3,
+            detail: Normals::DETAIL,
         }
     }
 }
@@ -64,8 +67,13 @@ pub fn of_triangles(
     face_of: &[u32],
     asked: &Settings,
 ) -> Result<Segmented, Failure> {
-    let normals = Normals::OfMesh {
-        rounds: asked.normal_rounds,
+    let rounds = asked.normal_rounds;
+    let normals = if asked.detail > 0.0 {
+        session.stage("normals", || {
+            Normals::without_detail(&mesh, rounds, asked.detail)
+        })?
+    } else {
+        Normals::OfMesh { rounds }
     };
     let found = solve(
         asked,

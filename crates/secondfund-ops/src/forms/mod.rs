@@ -10,15 +10,18 @@ mod operator;
 mod polygon;
 mod ring;
 mod symmetric;
+mod thickness;
 mod triangles;
 mod weight;
 
 pub use conduct::{Conductor, Law};
 pub use operator::Operator;
 pub use symmetric::{Forms, Principal, Symmetric};
+pub use thickness::shape_diameter;
 pub use triangles::{Normals, TriangleMatrix};
 pub use weight::Weight;
 
 pub(crate) use polygon::{area_normal, centroid, sorted_sides};
 pub(crate) use ring::Neighbors;
+pub(crate) use thickness::at_vertices;
 pub(crate) use triangles::{element, shape_tensor, smoothed_normals};

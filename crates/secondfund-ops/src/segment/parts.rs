@@ -34,7 +34,8 @@ const NEARLY: f64 = 0.98;
 
 /// The parts of a body: the modes of each operator are cut into the sought number of groups, one less and one more
 /// (those around a wanted number, too), and the [`consensus`] of all is cut into connected parts with straight borders.
-/// Neighbours that the operators do not tell apart are one part.
+/// Neighbours that the operators do not tell apart are one part. Triangles are best given [`Normals::without_detail`](crate::Normals::without_detail):
+/// with those, curls of hair are no parts.
 ///
 /// # Errors
 /// Those of [`spectrum`](crate::spectrum()) and [`segment`](crate::segment()).
@@ -47,7 +48,7 @@ const NEARLY: f64 = 0.98;
 /// let mesh::AnyMesh::Tri(surface) = mesh::read(fixtures::path("spot.ply"))?.mesh else {
 ///     unreachable!("spot is made of triangles");
 /// };
-/// let normals = Normals::default();
+/// let normals = Normals::without_detail(&surface, 3, Normals::DETAIL)?;
 /// let element = Element::Triangles(&surface, &normals);
 /// let asked = PartOptions::default();
 /// let found = segment::parts(&element, &Faces::from(&surface), &asked, Run::on(&Cpu))?;

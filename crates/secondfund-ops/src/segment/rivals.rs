@@ -1,16 +1,12 @@
 //! What others cut surfaces by, to compare with: both give a [`Spectrum`] for [`segment`](super::segment()), so that a
 //! comparison is of operators and not of the steps after them. On triangles.
 
-use std::f64::consts::{PI, TAU};
-
 use geom_core::algebra::{Mass, SparseMatrix, eigen};
-use geom_core::compute::parallel;
-use geom_core::search::bvh::{Hit, TriangleTree};
 use geom_core::surface::curvature::angle_defects;
-use geom_core::{Point3, Run, TriMesh, Vector3};
+use geom_core::{Run, TriMesh};
 
 use crate::backend::{On, OperatorBackend};
-use crate::forms::{Neighbors, Normals, Operator};
+use crate::forms::{Neighbors, Normals, Operator, at_vertices, shape_diameter};
 use crate::operators::{Element, Matrices, Spectrum, assemble, modes_of};
 use crate::{Error, SpectrumOptions};
 
@@ -74,73 +70,8 @@ fn concavity_laplacian(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
     Ok(SparseMatrix::from_triplets(n, n, &entries)?)
 }
 
-/// Rays per triangle, within this angle of the inward normal.
-const RAYS: usize = 30;
-const CONE: f64 = PI / 3.0;
 /// α of the logarithm that evens out small and large diameters.
 const ALPHA: f64 = 4.0;
-
-/// The shape diameter of each triangle, in the unit of the mesh (Shapira, Shamir and Cohen-Or, *Consistent mesh
-/// partitioning and skeletonisation using the shape diameter function*, 2008): rays in a cone of 120° against the
-/// normal until they leave the body; of their lengths the mean, weighted by the inverse angle, of those within a
-/// standard deviation of the median. 0 where no ray meets the other side.
-///
-/// # Errors
-/// No triangles.
-pub fn shape_diameter(mesh: &TriMesh) -> Result<Vec<f64>, Error> {
-    let tree = TriangleTree::new(mesh).map_err(|_| Error::NoExtent)?;
-    Ok(parallel::map(mesh.triangles().len(), |t| {
-        diameter(mesh, &tree, t)
-    }))
-}
-
-/// Of one triangle; 0 if it has no area.
-fn diameter(mesh: &TriMesh, tree: &TriangleTree, triangle: usize) -> f64 {
-    let [a, b, c] = mesh.corners(triangle);
-    let center = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-    let Some(outwards) = mesh.doubled_area_normal(triangle).try_normalize(0.0) else {
-        return 0.0;
-    };
-    // Off the surface, by less than anything that matters.
-    let origin = center - outwards * (1e-4 * (b - a).norm());
-    let leaves = |hit: &Hit| !hit.entering;
-    let mut found: Vec<(f64, f64)> = cone(-outwards)
-        .filter_map(|(angle, ray)| {
-            let hit = tree.first_hit(&origin, &ray).filter(leaves)?;
-            Some((hit.time, 1.0 / angle))
-        })
-        .collect();
-    found.sort_by(|x, y| x.0.total_cmp(&y.0));
-    let Some(&(median, _)) = found.get(found.len() / 2) else {
-        return 0.0;
-    };
-    let count = found.len() as f64;
-    let mean = found.iter().map(|x| x.0).sum::<f64>() / count;
-    let variance = found.iter().map(|x| (x.0 - mean).powi(2)).sum::<f64>() / count;
-    let near = found
-        .iter()
-        .filter(|x| (x.0 - median).abs() <= variance.sqrt());
-    let (sum, weights) = near.fold((0.0, 0.0), |(s, w), x| (s + x.0 * x.1, w + x.1));
-    if weights > 0.0 { sum / weights } else { median }
-}
-
-/// Directions spread over the cone around an axis (a sunflower), with their angles from it.
-fn cone(axis: Vector3) -> impl Iterator<Item = (f64, Vector3)> {
-    let mut off = Vector3::zeros();
-    off[axis.iamin()] = 1.0;
-    let side = off.cross(&axis).normalize();
-    let up = axis.cross(&side);
-    let golden = TAU * (1.0 - 1.0 / 1.618_033_988_749_895);
-    (0..RAYS).map(move |k| {
-        let share = (k as f64 + 0.5) / RAYS as f64;
-        let angle = (1.0 - share * (1.0 - CONE.cos())).acos();
-        let (sin, cos) = (golden * k as f64).sin_cos();
-        (
-            angle,
-            axis * angle.cos() + (side * cos + up * sin) * angle.sin(),
-        )
-    })
-}
 
 /// The shape diameter as the one mode of a spectrum: `ln(1 + α d) / ln(1 + α)` with d from 0 to 1 over the surface, at
 /// each vertex the mean over its triangles.
@@ -161,21 +92,7 @@ fn shape_diameter_mode_on(mesh: &TriMesh, run: On<'_>) -> Result<Spectrum, Error
     };
     let normals = Normals::OfMesh { rounds: 0 };
     let matrices = assemble(&Element::Triangles(mesh, &normals), &options, run)?;
-    let diameters = shape_diameter(mesh)?;
-    let (mut sums, mut weights) = (vec![0.0; matrices.areas.len()], matrices.areas.clone());
-    weights.fill(0.0);
-    for (t, corners) in mesh.triangles().iter().enumerate() {
-        let area = mesh.doubled_area_normal(t).norm();
-        for &v in corners {
-            sums[v as usize] += area * diameters[t];
-            weights[v as usize] += area;
-        }
-    }
-    let means = sums
-        .iter()
-        .zip(&weights)
-        .map(|(s, w)| if *w > 0.0 { s / w } else { 0.0 });
-    let means: Vec<f64> = means.collect();
+    let means = at_vertices(mesh, &shape_diameter(mesh)?);
     let least = means.iter().copied().fold(f64::INFINITY, f64::min);
     let most = means.iter().copied().fold(0.0, f64::max);
     let reach = (most - least).max(f64::MIN_POSITIVE);

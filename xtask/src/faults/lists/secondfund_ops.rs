@@ -101,6 +101,12 @@ pub(super) const FAULTS: &[Fault] = &[
         "(1.0 / value.max(f64::MIN_POSITIVE).sqrt().max(f64::INFINITY).min(1.0), mode)",
     ),
     Fault::wrong(
+        "detail is as large on thin bodies as on thick ones",
+        "crates/secondfund-ops/src/forms/thickness.rs",
+        "diameters.iter().map(|d| detail * d)",
+        "diameters.iter().map(|d| detail * (d + 1.0))",
+    ),
+    Fault::wrong(
         "borders are wanted at no creases",
         "crates/secondfund-ops/src/segment/clean.rs",
         "time * link.length / apart.max(f64::MIN_POSITIVE) / (1.0 + crease * crease);",

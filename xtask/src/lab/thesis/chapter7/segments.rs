@@ -125,12 +125,14 @@ impl Model {
         let slo = modes(Operator::Slo(Weight::ExpK))?;
         let aware = concavity_aware(&self.mesh, MODES, Run::on(&Cpu)).map_err(text)?;
         let diameter = shape_diameter_mode(&self.mesh, Run::on(&Cpu)).map_err(text)?;
+        let plain = Normals::without_detail(&self.mesh, 3, Normals::DETAIL).map_err(text)?;
+        let plain = Element::Triangles(&self.mesh, &plain);
         let own = |groups| {
             let options = PartOptions {
                 groups,
                 ..PartOptions::default()
             };
-            parts(&element, &self.faces, &options, Run::on(&Cpu)).map_err(text)
+            parts(&plain, &self.faces, &options, Run::on(&Cpu)).map_err(text)
         };
         let (asked, free) = (own(Some(groups))?.labels, own(None)?.labels);
         let row = [
