@@ -204,7 +204,8 @@ pub struct PartOptions {
     /// Whose modes are cut; the first one's give the number of groups.
     /// Three by default: see the page of the crate. Each is as many votes as there are numbers of groups.
     pub operators: Vec<Operator>,
-    /// About how many parts are wanted; sought if none are. How many there are the surface decides.
+    /// About how many parts are wanted; sought if none are. Neighbours that blur into each other are joined down to this number
+    /// at most; the surface may have more parts, or fewer that come apart.
     pub groups: Option<usize>,
     /// Largest number of groups that is tried.
     /// 15 by default.

@@ -11,9 +11,13 @@ use geom_core::{Point3, TriMesh, Vector3};
 use super::triangles::{Normals, smoothed_normals};
 use crate::Error;
 
-/// Rays per triangle, as in the paper, and fewer where the mean over many triangles counts.
+/// Rays per triangle, as in the paper.
 const RAYS: usize = 30;
+/// For a smooth thickness fewer do, from about so many triangles, spread over this share of the root of the area: about
+/// as far as such triangles are apart.
 const FEW_RAYS: usize = 8;
+const SAMPLE: usize = 5000;
+const SPREAD: f64 = 0.02;
 /// The largest angle of a ray from the inward normal.
 const CONE: f64 = PI / 3.0;
 
@@ -25,15 +29,17 @@ const CONE: f64 = PI / 3.0;
 /// # Errors
 /// No triangles.
 pub fn shape_diameter(mesh: &TriMesh) -> Result<Vec<f64>, Error> {
-    diameters(mesh, RAYS)
+    diameters(mesh, 1, RAYS)
 }
 
-/// By this many rays per triangle.
-fn diameters(mesh: &TriMesh, rays: usize) -> Result<Vec<f64>, Error> {
+/// Of one triangle of every so many, by this many rays each; the others have 0.
+fn diameters(mesh: &TriMesh, stride: usize, rays: usize) -> Result<Vec<f64>, Error> {
     let tree = TriangleTree::new(mesh).map_err(|_| Error::NoExtent)?;
-    Ok(parallel::map(mesh.triangles().len(), |t| {
-        diameter(mesh, &tree, t, rays)
-    }))
+    let of_one = |t: usize| match t % stride {
+        0 => diameter(mesh, &tree, t, rays),
+        _ => 0.0,
+    };
+    Ok(parallel::map(mesh.triangles().len(), of_one))
 }
 
 /// Of one triangle; 0 if it has no area.
@@ -125,28 +131,60 @@ impl Normals {
     pub fn without_detail(mesh: &TriMesh, rounds: u32, detail: f64) -> Result<Self, Error> {
         let valid = detail.is_finite() && detail >= 0.0;
         require(valid, "detail", detail, "be 0 or more")?;
-        let diameters = at_vertices(mesh, &diameters(mesh, FEW_RAYS)?);
-        let lengths = diameters.iter().map(|d| detail * d).collect::<Vec<_>>();
+        let lengths: Vec<f64> = thickness(mesh)?.iter().map(|d| detail * d).collect();
         let normals = smoothed_normals(mesh, rounds);
-        Ok(Self::Given(diffused(mesh, &normals, &lengths)?))
+        let mut even: Vec<f64> = normals.iter().flat_map(|n| [n.x, n.y, n.z]).collect();
+        diffuse(mesh, |_| true, |t| mean_of(mesh, t, &lengths), &mut even, 3)?;
+        let unit = |(row, old): (&[f64], &Vector3)| {
+            Vector3::from_column_slice(row)
+                .try_normalize(0.0)
+                .unwrap_or(*old)
+        };
+        let rows = even.chunks(3).zip(&normals);
+        Ok(Self::Given(rows.map(unit).collect()))
     }
 }
 
-/// Unit vectors of the vertices after one implicit step of diffusion over a length at each vertex.
-fn diffused(mesh: &TriMesh, vectors: &[Vector3], lengths: &[f64]) -> Result<Vec<Vector3>, Error> {
-    let vertices = vectors.len();
+/// The shape diameter at the vertices, of some triangles, spread over all; 0 on components of which no ray meets another side.
+fn thickness(mesh: &TriMesh) -> Result<Vec<f64>, Error> {
+    let stride = mesh.triangles().len().div_ceil(SAMPLE).max(1);
+    let sample = diameters(mesh, stride, FEW_RAYS)?;
+    let reach = SPREAD * mesh.area().sqrt();
+    let mut values = at_vertices(mesh, &sample);
+    diffuse(mesh, |t| sample[t] > 0.0, |_| reach, &mut values, 1)?;
+    Ok(values)
+}
+
+/// The mean over the corners of a triangle.
+fn mean_of(mesh: &TriMesh, triangle: usize, values: &[f64]) -> f64 {
+    let corners = mesh.triangles()[triangle].iter();
+    corners.map(|&v| values[v as usize]).sum::<f64>() / 3.0
+}
+
+/// One implicit step of diffusion over a length on each triangle, `(M + L) x = M x₀` of rows of so many values: what the
+/// triangles that count have at their corners goes to all.
+fn diffuse(
+    mesh: &TriMesh,
+    counts: impl Fn(usize) -> bool,
+    length: impl Fn(usize) -> f64,
+    values: &mut [f64],
+    columns: usize,
+) -> Result<(), Error> {
+    let vertices = mesh.positions().len();
     let mut masses = vec![0.0; vertices];
     let mut entries = Vec::with_capacity(12 * mesh.triangles().len() + vertices);
     for (t, corners) in mesh.triangles().iter().enumerate() {
         let places = mesh.corners(t);
         let doubled = mesh.doubled_area_normal(t).norm();
-        let length = corners.iter().map(|&v| lengths[v as usize]).sum::<f64>() / 3.0;
+        let square = length(t).powi(2);
         for i in 0..3 {
             let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            masses[corners[i] as usize] += doubled / 6.0;
+            if counts(t) {
+                masses[corners[i] as usize] += doubled / 6.0;
+            }
             let dot = (places[j] - places[i]).dot(&(places[k] - places[i]));
-            let weight = 0.5 * length * length * dot.max(0.0) / doubled;
-            // Neither of a triangle without area nor beyond what a factor bears.
+            let weight = 0.5 * square * dot.max(0.0) / doubled;
+            // A triangle without area has none.
             if weight.is_finite() {
                 let (a, b) = (corners[j], corners[k]);
                 entries.extend([
@@ -158,23 +196,14 @@ fn diffused(mesh: &TriMesh, vectors: &[Vector3], lengths: &[f64]) -> Result<Vec<
             }
         }
     }
-    // A vertex without area keeps what it has.
-    masses
-        .iter_mut()
-        .filter(|m| **m <= 0.0)
-        .for_each(|m| *m = 1.0);
+    // Where nothing counts near or far, what stands there stays.
+    let least = 1e-9 * mesh.area() / vertices.max(1) as f64;
+    let masses = masses.into_iter().map(|m| m + least.max(f64::MIN_POSITIVE));
+    let masses: Vec<f64> = masses.collect();
     entries.extend((0..vertices).map(|v| (v as u32, v as u32, masses[v])));
     let matrix = SparseMatrix::from_triplets(vertices, vertices, &entries)?;
-    let mut block: Vec<f64> = vectors
-        .iter()
-        .zip(&masses)
-        .flat_map(|(n, &m)| [n.x * m, n.y * m, n.z * m])
-        .collect();
-    Cholesky::<f64>::of(&matrix)?.solve_in_place(&mut block, 3)?;
-    let rows = block.chunks(3).zip(vectors);
-    let unit = |(row, &old): (&[f64], &Vector3)| {
-        let sum = Vector3::from_column_slice(row);
-        sum.try_normalize(0.0).unwrap_or(old)
-    };
-    Ok(rows.map(unit).collect())
+    for (row, mass) in values.chunks_mut(columns).zip(&masses) {
+        row.iter_mut().for_each(|x| *x *= mass);
+    }
+    Ok(Cholesky::<f64>::of(&matrix)?.solve_in_place(values, columns)?)
 }

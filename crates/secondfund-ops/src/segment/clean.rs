@@ -169,24 +169,30 @@ fn diffusion(faces: &Faces, scale: f64) -> Result<(Cholesky<f64>, Vec<f64>), Err
     Ok((Cholesky::of(&matrix)?, masses))
 }
 
-/// Joins neighbours that the rows do not tell apart, and renumbers by decreasing area; nothing is joined where one part
-/// would be left. Each of `all_rows` has a say.
+/// Joins neighbours that the rows do not tell apart, those that blur the most first, as long as more parts than `least` are
+/// left, and renumbers by decreasing area; nothing is joined where one part would be left. Each of `all_rows` has a say.
 ///
 /// Groups around medoids have much the same area each, so that a large part falls into several. Pieces of one part blur
 /// into each other: their spreads together are more than the distance of their middles, a ratio of Davies and Bouldin above
 /// 1, here in the mean over the rows. All pairs are judged as they are at first: what is joined spreads farther, and would
 /// take in the rest.
-pub(super) fn join_blurred(faces: &Faces, all_rows: &[Rows], labels: &[u32]) -> Vec<u32> {
+pub(super) fn join_blurred(
+    faces: &Faces,
+    all_rows: &[Rows],
+    labels: &[u32],
+    least: usize,
+) -> Vec<u32> {
     let places: Vec<Vec<Place>> = all_rows
         .iter()
         .map(|rows| Place::of_parts(faces, rows, labels))
         .collect();
-    let blurred = |a: usize, b: usize| {
-        let ratios = places.iter().map(|place| place[a].over_distance(&place[b]));
-        ratios.sum::<f64>() > places.len() as f64
+    let ratio = |(a, b): (u32, u32)| {
+        let ratios = places
+            .iter()
+            .map(|place| place[a as usize].over_distance(&place[b as usize]));
+        ratios.sum::<f64>() / places.len() as f64
     };
     let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
-    let mut sets = DisjointSets::new(count);
     let neighbours = (0..faces.len()).flat_map(|f| {
         let links = faces.links(f).iter();
         links.map(move |link| (labels[f], labels[link.face as usize]))
@@ -194,17 +200,22 @@ pub(super) fn join_blurred(faces: &Faces, all_rows: &[Rows], labels: &[u32]) -> 
     let mut neighbours: Vec<(u32, u32)> = neighbours.filter(|(a, b)| a < b).collect();
     neighbours.sort_unstable();
     neighbours.dedup();
-    for (a, b) in neighbours {
-        if blurred(a as usize, b as usize) {
+    let judged = neighbours.into_iter().map(|pair| (ratio(pair), pair));
+    let mut blurred: Vec<_> = judged.filter(|(ratio, _)| *ratio > 1.0).collect();
+    blurred.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+    let (mut sets, mut left) = (DisjointSets::new(count), count);
+    for (_, (a, b)) in blurred {
+        if left > least && sets.find(a) != sets.find(b) {
             sets.join(a, b);
+            left -= 1;
         }
+    }
+    if left == 1 {
+        return by_area(faces, labels);
     }
     let roots = sets.into_roots();
     let joined: Vec<u32> = labels.iter().map(|&l| roots[l as usize]).collect();
-    match joined.windows(2).any(|w| w[0] != w[1]) {
-        true => by_area(faces, &joined),
-        false => by_area(faces, labels),
-    }
+    by_area(faces, &joined)
 }
 
 /// Where the rows of a part lie.
@@ -300,7 +311,7 @@ pub(crate) mod laws {
         let faces = Faces::from(&mesh);
         let square = |f: usize| f as u32 / 2 % long / 6;
         let labels: Vec<u32> = (0..faces.len()).map(square).collect();
-        let parts = |middles: [f32; 4]| {
+        let parts = |middles: [f32; 4], least: usize| {
             let mut random = SplitMix64::new(3);
             let vertices = mesh.positions().len();
             let row = |v: usize| {
@@ -312,17 +323,20 @@ pub(crate) mod laws {
                 width: 8,
                 values: (0..vertices).flat_map(row).collect(),
             };
-            let joined = join_blurred(&faces, &[rows], &labels);
+            let joined = join_blurred(&faces, &[rows], &labels, least);
             [0, 12, 24, 36].map(|f: usize| joined[f])
         };
-        let [a, b, c, d] = parts([0.0, 0.3, 9.0, 0.0]);
+        let [a, b, c, d] = parts([0.0, 0.3, 9.0, 0.0], 1);
         assert!(a == b && c != a && d != a && d != c, "{:?}", [a, b, c, d]);
-        let [a, b, c, d] = parts([0.0, 5.0, 9.0, 0.0]);
+        let [a, b, c, d] = parts([0.0, 5.0, 9.0, 0.0], 1);
         assert!(a != b && b != c && c != d && a != d);
         // Where nothing is apart, nothing is joined.
-        let mut rest = parts([0.0; 4]);
+        let mut rest = parts([0.0; 4], 1);
         rest.sort_unstable();
         assert_eq!(rest, [0, 1, 2, 3]);
+        // Of three that blur the two nearest are joined if three parts are wanted.
+        let [a, b, c, d] = parts([1.0, 0.0, 0.1, 9.0], 3);
+        assert!(b == c && a != b && d != a && d != b, "{:?}", [a, b, c, d]);
     }
 
     /// On a folded sheet a border beside the fold goes to it; on a flat one a straight border stays.

@@ -103,8 +103,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "detail is as large on thin bodies as on thick ones",
         "crates/secondfund-ops/src/forms/thickness.rs",
-        "diameters.iter().map(|d| detail * d)",
-        "diameters.iter().map(|d| detail * (d + 1.0))",
+        "thickness(mesh)?.iter().map(|d| detail * d)",
+        "thickness(mesh)?.iter().map(|d| detail * (d + 1.0))",
     ),
     Fault::wrong(
         "borders are wanted at no creases",
@@ -115,8 +115,14 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "parts that blur into each other stay apart",
         "crates/secondfund-ops/src/segment/clean.rs",
-        "ratios.sum::<f64>() > places.len() as f64",
-        "ratios.sum::<f64>() > 90.0 * places.len() as f64",
+        "judged.filter(|(ratio, _)| *ratio > 1.0)",
+        "judged.filter(|(ratio, _)| *ratio > 90.0)",
+    ),
+    Fault::wrong(
+        "parts are joined beyond the number that is wanted",
+        "crates/secondfund-ops/src/segment/clean.rs",
+        "if left > least && sets.find(a)",
+        "if left > 0 * least && sets.find(a)",
     ),
     Fault::wrong(
         "parts that are no neighbours are joined",
