@@ -407,6 +407,42 @@ fn detail_is_what_is_small_beside_the_thickness() {
     assert!(ball < 0.35 && ring > 0.9, "{ball} {ring}");
 }
 
+/// Nothing lies behind a bent sheet, so that all of its detail stays, next to a triangle without area and an unused vertex, too.
+#[test]
+fn a_sheet_has_no_detail() {
+    let side = 12u32;
+    let at = |i: u32, j: u32| j * (side + 1) + i;
+    let place = |i: u32, j: u32| {
+        let [x, y] = [i, j].map(f64::from);
+        Point3::new(x, y, 0.3 * (x + 0.5 * y).sin())
+    };
+    let mut positions: Vec<Point3> = (0..=side)
+        .flat_map(|j| (0..=side).map(move |i| place(i, j)))
+        .collect();
+    let line = positions.len() as u32;
+    positions.extend([0.0, 1.0, 2.0, 3.0].map(|x| Point3::new(x, -5.0, 0.0)));
+    let mut triangles: Vec<[u32; 3]> = (0..side * side)
+        .flat_map(|q| {
+            let (i, j) = (q % side, q / side);
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    triangles.push([line, line + 1, line + 2]);
+    let sheet = TriMesh::new(positions, triangles).unwrap();
+    let of = |detail| Normals::without_detail(&sheet, 1, detail).unwrap();
+    let (Normals::Given(own), Normals::Given(plain)) = (of(0.0), of(0.5)) else {
+        panic!("normals by vertex");
+    };
+    assert!(
+        own[..line as usize]
+            .iter()
+            .all(|n| n.z > 0.9 && (n.norm() - 1.0).abs() < 1e-12)
+    );
+    let off = own.iter().zip(&plain).map(|(a, b)| (a - b).norm());
+    assert!(off.fold(0.0, f64::max) < 1e-12);
+}
+
 /// Normals of a sphere as they are, and those of its mesh, give nearly the same spectrum.
 #[test]
 fn given_normals_and_those_of_the_mesh_agree() {
