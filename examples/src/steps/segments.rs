@@ -68,12 +68,12 @@ pub fn of_triangles(
     asked: &Settings,
 ) -> Result<Segmented, Failure> {
     let rounds = asked.normal_rounds;
-    let normals = if asked.detail > 0.0 {
+    let normals = if asked.detail == 0.0 {
+        Normals::OfMesh { rounds }
+    } else {
         session.stage("normals", || {
             Normals::without_detail(&mesh, rounds, asked.detail)
         })?
-    } else {
-        Normals::OfMesh { rounds }
     };
     let found = solve(
         asked,

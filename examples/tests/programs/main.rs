@@ -2062,6 +2062,11 @@ fn options_without_effect_are_refused() {
             "--normal-rounds changes nothing",
         ),
         (
+            "15_segment",
+            &[&mesh, "--detail=-0.1"],
+            "option detail is -0.1",
+        ),
+        (
             "12_correspond",
             &[&mesh, &mesh, "--truth-atoms"],
             "only structures know",

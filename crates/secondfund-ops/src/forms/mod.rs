@@ -1,4 +1,4 @@
-//! The fundamental forms, what the operators make of them, and the elements of a triangle mesh.
+//! The fundamental forms, what the operators make of them, and the elements of a triangle mesh; how thick a body is.
 //!
 //! At a point with tangents x₁, x₂ and the outward normal n, the first form `g_ab = x_a · x_b` measures lengths on the surface and
 //! the second, `b_ab = −n · x_ab`, how fast the normal turns. Their eigenvalues relative to each other are the principal curvatures
