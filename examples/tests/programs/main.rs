@@ -2061,11 +2061,7 @@ fn options_without_effect_are_refused() {
             &[&mesh, "--operator", "lbo", "--normal-rounds", "5"],
             "--normal-rounds changes nothing",
         ),
-        (
-            "15_segment",
-            &[&mesh, "--detail=-0.1"],
-            "option detail is -0.1",
-        ),
+        ("15_segment", &[&mesh, "--detail=-0.1"], "--detail is -0.1"),
         (
             "12_correspond",
             &[&mesh, &mesh, "--truth-atoms"],
