@@ -6,7 +6,7 @@ use dual_contour::geom_core::mesh::{EXTERIOR, INTERIOR};
 use dual_contour::geom_core::testing::same_on_any_threads;
 use dual_contour::geom_core::{
     BrickGrid, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, ScalarGrid, TetMesh,
-    Vector3,
+    TriMesh, Vector3,
 };
 use dual_contour::{
     AtBox, Error, Extent, FieldSamples, Material, Method, Options, Outer, Resolution, Shape,
@@ -653,4 +653,63 @@ fn ambiguous_faces_are_joined_by_the_sign_at_their_saddle() {
             }
         }
     }
+}
+
+/// Points of the molecule that hardly are: all crossings around them are held off the ends of their edges, and all points of
+/// cells off the walls. Held alike they would stand in planes of the lattice, and triangles that meet in one vertex lie in
+/// one plane, which is a crossing to whoever decides by signs alone.
+#[test]
+fn points_that_are_held_are_not_in_one_plane() {
+    let mut random = (1u64..).map(|i| {
+        let mixed = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        ((mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32
+            / (1u64 << 24) as f32
+    });
+    let lattice = Lattice {
+        origin: Point3::origin(),
+        spacing: 1.0,
+        counts: [20; 3],
+    };
+    let values = (0..lattice.len()).map(|i| {
+        let p = lattice.coordinates(i);
+        let within = p.iter().all(|&c| (2..18).contains(&c));
+        let (side, depth) = (random.next().unwrap(), random.next().unwrap());
+        if within && side < 0.3 {
+            1.0 + 0.02 * depth
+        } else {
+            0.5 * depth
+        }
+    });
+    let grid = ScalarGrid::new(lattice, values.collect()).unwrap();
+    for method in METHODS {
+        let made = surface(&grid, None, &by(method), Run::on(&Cpu)).unwrap();
+        let [flat, all] = flat_meetings(&made.mesh);
+        assert!(all > 10_000 && flat == 0, "{method:?}: {flat} of {all}");
+    }
+}
+
+/// How many pairs of triangles that meet in one vertex alone lie in one plane, and how many pairs there are.
+fn flat_meetings(mesh: &TriMesh) -> [usize; 2] {
+    let x = |v: u32| mesh.positions()[v as usize];
+    let triangles = mesh.triangles();
+    let mut around = vec![Vec::new(); mesh.positions().len()];
+    for t in triangles {
+        t.iter().for_each(|&v| around[v as usize].push(*t));
+    }
+    let (mut flat, mut all) = (0, 0);
+    for (v, fan) in around.iter().enumerate() {
+        for (i, a) in fan.iter().enumerate() {
+            for b in &fan[i + 1..] {
+                let others = || b.iter().filter(|w| **w as usize != v);
+                if others().any(|w| a.contains(w)) {
+                    continue;
+                }
+                all += 1;
+                let [p, q, r] = a.map(x);
+                let normal = (q - p).cross(&(r - p));
+                flat += usize::from(others().all(|&w| normal.dot(&(x(w) - p)) == 0.0));
+            }
+        }
+    }
+    [flat, all]
 }

@@ -21,7 +21,7 @@ pub(crate) mod room;
 
 pub(crate) use emit::{Emission, Emitter, Want};
 pub(crate) use place::finest_points;
-pub(crate) use probe::{Probe, Sample, cut_samples, depth_gradient, part_point};
+pub(crate) use probe::{Probe, Sample, cut_samples, depth_gradient, off_ends, part_point};
 
 use place::{ghost_point, leaf_points};
 use positive::Clamped;

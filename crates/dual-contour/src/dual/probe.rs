@@ -35,6 +35,8 @@ const NEWTON: Guard = Guard {
     near: NEAR,
 };
 
+/// How near to the ends of its edge a crossing may be, as a share of the edge: at least half of this.
+const END: f64 = 0.02;
 /// How near to the sides of its cell a dual vertex may go at which three regions meet, as a share of the cell.
 const JUNCTION_INSET: f64 = 0.3;
 
@@ -54,9 +56,29 @@ impl Room {
         Point3::from(x - local(self.low))
     }
 
-    /// A point of the cell among those of the domain.
+    /// A point of the cell among those of the domain, off its walls.
     pub(super) fn in_domain(&self, x: &Point3) -> Point3 {
-        local(self.low) + x.coords.map(exact)
+        local(self.low) + self.by_bulged_walls(x).coords.map(exact)
+    }
+
+    /// A point that is held at a wall, as if the wall were bulged by half of the inset.
+    /// Else neighbours that are held at walls in one plane are exactly in it, and so are triangles between them: a
+    /// surface to which programs without a rule for such ties say that it crosses itself.
+    fn by_bulged_walls(&self, x: &Point3) -> Point3 {
+        let inset = INSET * self.size;
+        let off_middle = x.coords.map(|c| (c / self.size - 0.5).powi(2));
+        let held = |k: usize| {
+            let others = off_middle.sum() - off_middle[k];
+            let wall = inset * (0.5 + others);
+            if x[k] <= inset {
+                wall
+            } else if x[k] >= self.size - inset {
+                self.size - wall
+            } else {
+                x[k]
+            }
+        };
+        Point3::from([0, 1, 2].map(held))
     }
 
     /// The nearest point of the cell that is off its sides.
@@ -484,15 +506,21 @@ pub(crate) fn part_point(
     mean_of_crossings(probe, &[corners[APEX], p, q, r])
 }
 
-/// Over all pairs of corners, which in a tetrahedron are its edges; each crossing a fiftieth of its edge off the ends
-/// at least. Seen from the first corner, so that the mean does not depend on where the domain begins.
+/// A crossing of the surface kept off the ends of its edge, so that no tetrahedron degenerates. Crossings that differ still
+/// do: else those around one corner are in planes with each other (see [`Room::by_bulged_walls`]).
+pub(crate) fn off_ends(crossing: f64) -> f64 {
+    let off_first = |t: f64| if t < END { 0.5 * (END + t) } else { t };
+    1.0 - off_first(1.0 - off_first(crossing))
+}
+
+/// Over all pairs of corners, which in a tetrahedron are its edges; each crossing off the ends of its edge. Seen from the first corner, so that the mean does not depend on where the domain begins.
 pub(super) fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
     let first = corners.first()?.x;
     let (mut sum, mut n) = (Vector3::zeros(), 0.0);
     for (i, a) in corners.iter().enumerate() {
         for b in &corners[i + 1..] {
             if a.label != b.label {
-                let t = probe.crossing(a, b).clamp(0.02, 0.98);
+                let t = off_ends(probe.crossing(a, b));
                 sum += (a.x - first) + (b.x - a.x) * t;
                 n += 1.0;
             }

@@ -161,9 +161,23 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::poor(
         "crossings of cut cells may lie in their corners",
         "crates/dual-contour/src/dual/probe.rs",
-        "let t = probe.crossing(a, b).clamp(0.02, 0.98);",
+        "let t = off_ends(probe.crossing(a, b));",
         "let t = probe.crossing(a, b);",
     ),
+    Fault::wrong(
+        "points that are held at walls stand in one plane",
+        "crates/dual-contour/src/dual/probe.rs",
+        "let wall = inset * (0.5 + others);",
+        "let wall = inset;",
+    )
+    .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
+    Fault::wrong(
+        "cuts that make room do so at one share of their edges",
+        "crates/dual-contour/src/contour/stuffing/snap.rs",
+        "let share = self.limit(e) * (1.0 + APART * ratio);",
+        "let share = self.limit(e);",
+    )
+    .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
     Fault::wrong(
         "a tile shares no vertex with others",
         "crates/dual-contour/src/contour/tile.rs",

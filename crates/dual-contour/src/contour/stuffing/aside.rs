@@ -7,7 +7,7 @@
 use geom_core::mesh::six_volume;
 use geom_core::{Point3, Vector3};
 
-use super::near::{Near, off_ends};
+use super::near::{Near, kept_off_ends};
 use crate::dual::{Probe, Sample, depth_gradient};
 use crate::octree::exact;
 
@@ -124,7 +124,7 @@ impl Near {
             false => self.samples[u as usize],
         });
         let [a, b] = &ends;
-        let cut = off_ends(probe.exact_crossing(a, b), a.label, b.label);
+        let cut = kept_off_ends(probe.exact_crossing(a, b), a.label, b.label);
         let of_materials = self.is_of_materials(e);
         let least = self.limit(e) * if of_materials { ROOM } else { 1.0 };
         let least = least.min(self.from(e, w));

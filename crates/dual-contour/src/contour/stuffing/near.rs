@@ -10,7 +10,7 @@ use geom_core::mesh::{EDGES, Region};
 use super::base::{Base, BaseTet, planes_of};
 use crate::Error;
 use crate::complex::Vertex;
-use crate::dual::{Probe, Sample};
+use crate::dual::{Probe, Sample, off_ends};
 
 /// No number yet.
 pub(super) const NONE: u32 = u32::MAX;
@@ -89,7 +89,7 @@ impl Near {
             .collect();
         let mut cuts = base.probe.exact_crossings(&ends)?;
         for (cut, (a, b)) in cuts.iter_mut().zip(&ends) {
-            *cut = off_ends(*cut, a.label, b.label);
+            *cut = kept_off_ends(*cut, a.label, b.label);
         }
         let tips = || (0u32..).zip(&edges).flat_map(|(i, e)| e.map(|v| (v, i)));
         let edges_at = Lists::of(ids.len(), tips);
@@ -175,11 +175,11 @@ impl Near {
     }
 }
 
-/// A cut of the isosurface, kept off the ends of its edge so that no tetrahedron degenerates. One of a material's boundary
-/// stays where it is, since planes shall come out plane: vertices make room for it.
-pub(super) fn off_ends(cut: f64, p: Region, q: Region) -> f64 {
+/// A cut of the isosurface, kept off the ends of its edge. One of a material's boundary stays where it is, since planes
+/// shall come out plane: vertices make room for it.
+pub(super) fn kept_off_ends(cut: f64, p: Region, q: Region) -> f64 {
     if Probe::on_level(p, q) {
-        cut.clamp(0.02, 0.98)
+        off_ends(cut)
     } else {
         cut
     }

@@ -18,6 +18,10 @@ use geom_core::compute::parallel;
 /// Most neighbours of a vertex that may snap; no octree has more than 50.
 const LINK: usize = 64;
 
+/// How much farther cuts are moved away that were farther before, as a share of what is too close. Else all around a vertex
+/// are at one share of their edges, and the surface there has triangles that are exactly in planes with each other.
+const APART: f64 = 0.01;
+
 /// What becomes of a vertex with cuts too close to it.
 enum Decision {
     /// It takes the place of an edge's cut.
@@ -127,9 +131,10 @@ impl Near {
     fn push_cuts_away(&mut self, v: u32) -> bool {
         let stays = |e: u32, ratio: f64| ratio >= ROOM && self.is_of_materials(e);
         let close = self.violated(v).filter(|&(e, ratio)| !stays(e, ratio));
-        let close: Vec<u32> = close.map(|(e, _)| e).collect();
-        for &e in &close {
-            self.cuts[e as usize] = self.turned(e, v, self.limit(e));
+        let close: Vec<(u32, f64)> = close.collect();
+        for &(e, ratio) in &close {
+            let share = self.limit(e) * (1.0 + APART * ratio);
+            self.cuts[e as usize] = self.turned(e, v, share);
         }
         !close.is_empty()
     }
