@@ -1,7 +1,9 @@
 //! Triangles that cross each other.
 
 use geom_core::mesh::shapes;
-use geom_core::search::crossing::{BoxedTriangle, CrossingWatch, crossing_pairs};
+use geom_core::search::crossing::{
+    BoxedTriangle, CrossingWatch, crossing_pairs, crossing_pairs_among,
+};
 use geom_core::testing::cases;
 use geom_core::{Point3, TriMesh};
 use proptest::prelude::*;
@@ -28,7 +30,14 @@ proptest! {
         let triangles = corners.iter().map(|t| t.map(|i| i.index(x.len()) as u32));
         let triangles: Vec<_> = triangles.filter(distinct).collect();
         let mesh = TriMesh::new(x.into_iter().map(Point3::from).collect(), triangles).unwrap();
-        prop_assert_eq!(crossing_pairs(&mesh), by_hand(&mesh));
+        let pairs = by_hand(&mesh);
+        prop_assert_eq!(&crossing_pairs(&mesh), &pairs);
+        for step in [1, 3, 50, 1000] {
+            let among = |t: u32| t % step == 2 % step;
+            let of_some = pairs.iter().filter(|p| p.iter().any(|&t| among(t)));
+            let of_some: Vec<[u32; 2]> = of_some.copied().collect();
+            prop_assert_eq!(crossing_pairs_among(&mesh, among), of_some);
+        }
     }
 }
 

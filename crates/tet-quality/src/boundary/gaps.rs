@@ -231,9 +231,10 @@ impl BoundaryChange {
     }
 }
 
-/// The triangles of the boundary that may come to face others, by cell.
+/// The triangles of the boundary that may come to face others, by cell; those in some `cells`, if any are given.
 /// Triangles without a vertex of the isosurface are left out, and so are those between tetrahedra.
-fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
+fn sides_of(mesh: &EditableMesh, reach: f64, cells: Option<&[[i32; 3]]>) -> Vec<Side> {
+    let wanted = |side: &Side| cells.is_none_or(|cells| cells.binary_search(&side.cell).is_ok());
     let mut sides: Vec<Side> = parallel::flat_map(mesh.tets.len(), |t| {
         let living = Some(t as u32).filter(|&t| !mesh.is_empty_slot(t));
         living.into_iter().flat_map(|t| {
@@ -248,6 +249,7 @@ fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
                         && mesh.beyond(t, k).is_none()
                 })
                 .map(move |k| Side::new(FACES[k].map(|i| tet[i]), &mesh.x, reach))
+                .filter(wanted)
         })
     });
     sides.par_sort_unstable_by_key(|s| (s.cell, s.corners));
@@ -265,11 +267,8 @@ impl SelfIntersectionGuard {
     /// Looks for the parts of the boundary that face each other; only around the points of `near`, if there are such.
     pub(crate) fn of(mesh: &EditableMesh, spacing: f64, near: Option<&[Point3]>) -> Self {
         let reach = REACH * spacing;
-        let mut sides = sides_of(mesh, reach);
-        if let Some(points) = near {
-            let cells = cells_around(points, reach);
-            sides.retain(|s| cells.binary_search(&s.cell).is_ok());
-        }
+        let cells = near.map(|points| cells_around(points, reach));
+        let sides = sides_of(mesh, reach, cells.as_deref());
         let facing = all_facing(&sides, &mesh.x, reach);
         if facing.is_empty() {
             return Self::default();

@@ -4,9 +4,10 @@
 //! What is parted must also keep its quality, and both pull in opposite directions. So each round is a bargain: corners
 //! go down to a poor objective to get apart, passes mend the tetrahedra, and where they do not, all is taken back.
 
-use geom_core::search::crossing::{BoxedTriangle, crossing_pairs};
-use geom_core::{Point3, TriMesh, Vector3};
+use geom_core::search::crossing::BoxedTriangle;
+use geom_core::{Point3, Vector3};
 
+use super::crossed::Pair;
 use super::passes::Passes;
 use crate::backend::On;
 use crate::boundary::guard::GuardedMesh;
@@ -35,10 +36,6 @@ const MENDING: u32 = 3;
 const LEAST: f64 = 0.05;
 /// Room between walls that have been parted, in spacings.
 const ROOM: f64 = 1e-3;
-
-/// Two triangles of the boundary that cross.
-/// By their corners, not by the numbers of faces, which would not outlast a change of the boundary.
-type Pair = [[u32; 3]; 2];
 
 /// Where a vertex would have to go, from where it is.
 /// Lists of wishes are sorted by vertex, one per vertex, so that a sweep finds them by bisection.
@@ -73,14 +70,8 @@ const KINDS: [&[Pull]; 3] = [&[Pull::Apart, Pull::Fair], &[Pull::Fair], &[Pull::
 
 impl Passes<'_> {
     /// The pairs of boundary triangles that cross.
-    /// The whole boundary is searched.
-    pub(super) fn crossing(&self) -> Vec<Pair> {
-        let mesh = &self.guarded.mesh;
-        let faces = mesh.boundary_faces();
-        let boundary = TriMesh::new(mesh.x.clone(), faces.clone());
-        let pairs = crossing_pairs(&boundary.expect("the operations keep the mesh valid"));
-        let corners = |pair: &[u32; 2]| pair.map(|t| faces[t as usize]);
-        pairs.iter().map(corners).collect()
+    pub(super) fn crossing(&mut self) -> Vec<Pair> {
+        self.crossed.search(&mut self.guarded.mesh)
     }
 
     /// Pulls triangles that cross apart, so that no more of them cross, and mends what that costs: in the end all
@@ -150,7 +141,7 @@ impl Passes<'_> {
         self.find_gaps_near(pairs);
         let (kept, worst) = (self.guarded.clone(), self.guarded.mesh.worst());
         let (made, projected) = (passes.len(), self.projected);
-        let before = pairs.clone();
+        let (before, crossed) = (pairs.clone(), self.crossed.clone());
         let valid = |corners| quality(corners) >= LEAST;
         if how == How::ThroughOthers {
             self.guarded.forget_gaps();
@@ -176,6 +167,7 @@ impl Passes<'_> {
         let in_vain = how == How::ThroughOthers && pairs.len() >= before.len();
         if in_vain || (!mended(self) && !self.goals_met()) {
             self.go_back(kept, projected);
+            self.crossed = crossed;
             passes.truncate(made);
             *pairs = before;
         }
@@ -204,7 +196,7 @@ impl Passes<'_> {
 
     /// Drops the pairs that no longer cross. Where none is left, others may have come in their place.
     /// The whole boundary is searched only then.
-    fn keep_crossing(&self, pairs: &mut Vec<Pair>) {
+    fn keep_crossing(&mut self, pairs: &mut Vec<Pair>) {
         let mesh = &self.guarded.mesh;
         let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);
         pairs.retain(|&[s, t]| boxed(s).crosses(&boxed(t)));

@@ -11,6 +11,7 @@ use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, VertexKind};
 use geom_core::{Point3, TetMesh};
 
+use super::crossed::Crossed;
 use super::settings::{LAST, PassSettings, RESCUE, ROUGH, bolder_than};
 use crate::backend::On;
 use crate::boundary::field::Isosurface;
@@ -50,6 +51,8 @@ const FEW: usize = 100;
 /// Share of the surface vertices that may stay farther from the isosurface than allowed.
 /// At pinches the isosurface cannot be reached at all, and passes for the sake of these would never end.
 const ENOUGH: f64 = 5e-4;
+/// Share of all vertices that may move for gaps to be looked for only near them.
+const LOCAL: usize = 100;
 /// Most rounds of bringing surface vertices to the isosurface after the passes.
 const SETTLE: u32 = 6;
 
@@ -80,6 +83,8 @@ pub(super) struct Passes<'a> {
     pub(super) projected: u32,
     /// Are the walls of gaps looked for, so that no step lets more of them cross?
     pub(super) watched: bool,
+    /// What crossed when that was last looked for.
+    pub(super) crossed: Crossed,
 }
 
 impl<'a> Passes<'a> {
@@ -104,6 +109,7 @@ impl<'a> Passes<'a> {
             smoothed: Vec::new(),
             projected: 0,
             watched: options.keep_apart,
+            crossed: Crossed::default(),
         }
     }
 
@@ -145,7 +151,7 @@ impl<'a> Passes<'a> {
     pub(super) fn untangle(&mut self, run: On<'_>) -> Result<usize, Error> {
         let inverted = self.guarded.mesh.below(f64::MIN_POSITIVE).len();
         if inverted > 0 && self.options.untangle {
-            self.find_gaps();
+            self.find_gaps(None);
             untangle(&mut self.guarded, run)?;
         }
         let mut elements = self.guarded.mesh.below(f64::MIN_POSITIVE);
@@ -219,10 +225,32 @@ impl<'a> Passes<'a> {
     }
 
     /// Gaps are found anew before each sweep, since vertices have come nearer to each other meanwhile; free of cost
-    /// where nobody watches.
-    pub(super) fn find_gaps(&mut self) {
+    /// where nobody watches. Only near some vertices that will move and their neighbours, if they are given and few.
+    pub(super) fn find_gaps(&mut self, moving: Option<&[u32]>) {
+        if !self.watched {
+            return;
+        }
+        let mesh = &self.guarded.mesh;
+        let few = moving.filter(|vertices| LOCAL * vertices.len() < mesh.x.len());
+        let near: Option<Vec<Point3>> = few.map(|vertices| {
+            let around: Vec<u32> = vertices
+                .iter()
+                .flat_map(|&v| mesh.incidence.of(v))
+                .copied()
+                .collect();
+            let corners = corners_of(mesh, &around);
+            corners.iter().map(|&v| mesh.x[v as usize]).collect()
+        });
+        self.guarded.find_gaps(self.spacing, near.as_deref());
+    }
+
+    /// [`find_gaps`](Self::find_gaps) for what a pass works on.
+    fn find_gaps_of(&mut self, settings: &PassSettings) {
         if self.watched {
-            self.guarded.find_gaps(self.spacing, None);
+            let mesh = &self.guarded.mesh;
+            let bad = mesh.below(settings.smooth.max(settings.bound));
+            let vertices = corners_of(mesh, &bad);
+            self.find_gaps(Some(&vertices));
         }
     }
 
@@ -264,7 +292,6 @@ impl<'a> Passes<'a> {
         }
         for number in 0.. {
             let mut done = Pass::default();
-            self.find_gaps();
             let left = self.settle(Keep::Goals, &mut done)?;
             done.worst = self.guarded.mesh.worst();
             passes.push(done);
@@ -290,10 +317,10 @@ impl<'a> Passes<'a> {
     fn pass(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
         let mut done = Pass::default();
         let settings = PassSettings::of(number, self.target);
-        self.find_gaps();
+        self.find_gaps_of(&settings);
         self.smooth(&settings, &mut done, run)?;
         self.operate(&settings, &mut done);
-        self.find_gaps();
+        self.find_gaps_of(&settings);
         self.smooth(&settings, &mut done, run)?;
         self.project(&settings, &mut done)?;
         done.projected += self.seat(settings.floor, run)?;
@@ -436,7 +463,7 @@ impl<'a> Passes<'a> {
     /// vertex goes, since one that has gone makes room for the next.
     fn settle(&mut self, keep: Keep, done: &mut Pass) -> Result<usize, Error> {
         let tolerance = self.deviation();
-        let Some(surface) = &self.surface else {
+        let Some(surface) = self.surface else {
             return Ok(0);
         };
         let (goals, target) = (self.options.goals, self.target);
@@ -444,7 +471,7 @@ impl<'a> Passes<'a> {
             quality(corners) >= target || (keep == Keep::Goals && goals.met_by(&measures(corners)))
         };
         let rules = SurfaceRules {
-            field: *surface,
+            field: surface,
             tolerance,
             rescue: true,
         };
@@ -456,11 +483,12 @@ impl<'a> Passes<'a> {
             };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
         for _ in 0..SETTLE {
-            self.guarded.mesh.know_tangents(&all, surface)?;
+            self.guarded.mesh.know_tangents(&all, &surface)?;
             let off = far_vertices(&self.guarded.mesh, &rules);
+            self.find_gaps(Some(&off));
             // Alone where that does, else with their neighbours.
             let before = done.projected;
-            done.projected += project(&mut self.guarded, &off, surface, tolerance, good)?;
+            done.projected += project(&mut self.guarded, &off, &surface, tolerance, good)?;
             let guarded = &mut self.guarded;
             round_of_projections(guarded, &mut self.plain, &off, project_to_foot, done);
             if done.projected == before {

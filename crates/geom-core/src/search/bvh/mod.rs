@@ -105,13 +105,20 @@ impl TriangleTree {
     /// # Errors
     /// [`TreeError::Empty`].
     pub fn new(mesh: &TriMesh) -> Result<Self, TreeError> {
-        let n = mesh.triangles().len();
+        Self::of(mesh.triangles().len(), |t| mesh.corners(t))
+    }
+
+    /// The same of `n` triangles, given by their corners.
+    pub(super) fn of(
+        n: usize,
+        corners: impl Fn(usize) -> [Point3; 3] + Sync,
+    ) -> Result<Self, TreeError> {
         if n == 0 {
             return Err(TreeError::Empty);
         }
         let leaves = n.div_ceil(WIDTH).next_power_of_two();
         let mut order: Vec<(Point3, u32)> = parallel::map(n, |t| {
-            let [a, b, c] = mesh.corners(t);
+            let [a, b, c] = corners(t);
             (
                 Point3::from((a.coords + b.coords + c.coords) / 3.0),
                 t as u32,
@@ -119,7 +126,7 @@ impl TriangleTree {
         });
         partition(&mut order, 0, leaves, leaves, n);
         let ids: Vec<u32> = order.iter().map(|&(_, t)| t).collect();
-        let corners: Vec<[Point3; 3]> = parallel::map_each(&ids, |&t| mesh.corners(t as usize));
+        let corners: Vec<[Point3; 3]> = parallel::map_each(&ids, |&t| corners(t as usize));
         let mut tree = Self {
             bounds: Aabb::of_points(corners.iter().flatten()),
             nodes: Vec::new(),
@@ -331,6 +338,24 @@ impl TriangleTree {
             }
             found
         })
+    }
+
+    /// Calls `found` with the triangles whose boxes, rounded outwards, meet `bounds`; in the order of the tree.
+    pub(super) fn meeting(&self, bounds: &Aabb, mut found: impl FnMut(u32)) {
+        let mut waiting = vec![0];
+        while let Some(node) = waiting.pop() {
+            let meet = self.nodes[node].meet(bounds);
+            match self.children(node) {
+                Children::Nodes(children) => {
+                    let met = children.zip(meet).filter(|(_, meets)| *meets);
+                    waiting.extend(met.map(|(child, _)| child));
+                }
+                Children::Triangles(slots) => {
+                    let met = slots.zip(meet).filter(|(_, meets)| *meets);
+                    met.for_each(|(slot, _)| found(self.ids[slot]));
+                }
+            }
+        }
     }
 
     /// The first point where the ray `origin + time · direction`, `time ≥ 0`, meets the mesh.
