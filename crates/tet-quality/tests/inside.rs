@@ -20,6 +20,7 @@ geom_core::laws! {
     the_star_judges_like_the_definition
     candidates_are_judged_together_like_alone
     a_tetrahedron_all_of_whose_faces_are_boundary_does_not_vanish
+    what_has_changed_is_searched_like_the_whole
 }
 
 /// None is written and forgotten here.
@@ -30,6 +31,7 @@ fn every_law_is_run() {
         include_str!("../src/inside/links.rs"),
         include_str!("../src/inside/measures.rs"),
         include_str!("../src/inside/operations.rs"),
+        include_str!("../src/inside/walls.rs"),
     ];
     let lines = sources.into_iter().flat_map(str::lines);
     let names = lines.filter_map(|line| line.strip_prefix("pub fn ")?.strip_suffix("() {"));

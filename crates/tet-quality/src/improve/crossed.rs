@@ -14,12 +14,12 @@ const LITTLE: usize = 8;
 
 /// Two triangles of the boundary that cross.
 /// By their corners, not by the numbers of faces, which would not outlast a change of the boundary.
-pub(super) type Pair = [[u32; 3]; 2];
+pub(crate) type Pair = [[u32; 3]; 2];
 
 /// The pairs that crossed at the last search. It belongs to the mesh as it was then: who goes back to an older one goes back to
 /// what was known of that.
 #[derive(Clone, Default)]
-pub(super) struct Crossed {
+pub(crate) struct Crossed {
     pairs: Vec<Pair>,
     /// The time of the search; 0 before the first, when all is new.
     at: u32,
@@ -27,7 +27,7 @@ pub(super) struct Crossed {
 
 impl Crossed {
     /// The pairs that cross now, in order.
-    pub(super) fn search(&mut self, mesh: &mut EditableMesh) -> Vec<Pair> {
+    pub(crate) fn search(&mut self, mesh: &mut EditableMesh) -> Vec<Pair> {
         let faces = mesh.boundary_faces();
         let changed = |v: &u32| mesh.changed[*v as usize] > self.at;
         let fresh = parallel::map_each(&faces, |t| t.iter().any(changed));

@@ -13,7 +13,7 @@ use crate::measure::unmet::{surface_fit, unmet};
 use crate::options::{Options, SurfaceMotion};
 use crate::outcome::{Crossings, Improved, Report};
 
-mod crossed;
+pub(crate) mod crossed;
 mod part;
 mod passes;
 mod seat;

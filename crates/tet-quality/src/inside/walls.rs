@@ -1,4 +1,4 @@
-//! The walls of cavities.
+//! The walls of cavities, and walls that cross.
 
 use geom_core::{ImplicitField, Point3, TetMesh, Vector3};
 
@@ -6,13 +6,14 @@ use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
 use crate::boundary::input::prepare;
 use crate::boundary::walls::CavityGuard;
+use crate::improve::crossed::Crossed;
 use crate::mesh::proposal::{Floor, NEW, Operation, VertexMove};
 use crate::operations::contract::contraction;
 use crate::operations::insert::edge_split;
 use crate::operations::operate::apply_all;
 use crate::operations::swap::surface_flip;
 use crate::smoothing::star::Star;
-use crate::testing::noise;
+use crate::testing::{lattice, noise};
 
 /// The volumes of the walls of a ball with a cavity about this centre are those of the walls, after every change.
 pub fn volumes_of_walls(mesh: TetMesh, field: &dyn ImplicitField, center: Point3) {
@@ -83,4 +84,42 @@ pub fn volumes_of_walls(mesh: TetMesh, field: &dyn ImplicitField, center: Point3
     let outward = (x - center).normalize();
     assert!(!guarded.move_vertex(v, x - outward * 0.5) && guarded.mesh.x[v as usize] == x);
     assert!(guarded.move_vertex(v, x + outward * 0.5));
+}
+
+/// Pairs that cross come out alike whether the whole boundary is searched or what has changed since the last search: vertices
+/// go through walls and back, and tetrahedra vanish.
+pub fn what_has_changed_is_searched_like_the_whole() {
+    let body = lattice([6; 3], 1.0, |_| 1);
+    let mut mesh = prepare(body, &[], None).unwrap().mesh;
+    let mut crossed = Crossed::default();
+    assert!(crossed.search(&mut mesh).is_empty());
+    let (mut noise, mut most, mut fewer) = (noise(7), 0, 0);
+    let mut before = 0;
+    for turn in 0..120 {
+        let boundary = mesh.boundary_faces();
+        let mut pick = |n: usize| ((noise() + 1.0) * 0.5 * n as f64) as usize % n;
+        let v = boundary[pick(boundary.len())][pick(3)];
+        if turn % 2 == 0 {
+            mesh.tick();
+        }
+        if turn % 10 == 9 {
+            let t = mesh.incidence.of(v)[0];
+            mesh.remove(t);
+        } else {
+            let shift = Vector3::new(noise(), noise(), noise());
+            mesh.set_position(v, mesh.x[v as usize] + shift);
+        }
+        if turn % 3 == 0 {
+            let found = crossed.search(&mut mesh);
+            assert_eq!(
+                found,
+                Crossed::default().search(&mut mesh.clone()),
+                "{turn}"
+            );
+            most = most.max(found.len());
+            fewer += usize::from(found.len() < before);
+            before = found.len();
+        }
+    }
+    assert!(most > 20 && fewer > 2, "{most} {fewer}");
 }

@@ -341,4 +341,11 @@ pub(super) const FAULTS: &[Fault] = &[
         "d < best_squared || (d == best_squared && id == b)",
     )
     .seen_by("surfaces::of_touching_triangles_the_tree_names_the_lowest"),
+    Fault::wrong(
+        "two triangles among some are no pair of theirs",
+        "crates/geom-core/src/search/crossing.rs",
+        "let once = s < t || !is_own;",
+        "let once = !is_own;",
+    )
+    .seen_by("crossings::the_tree_finds_what_all_pairs_find"),
 ];

@@ -171,4 +171,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "joe_liu: self.joe_liu,",
     )
     .seen_by("laws::the_reserve_is_what_the_passes_aim_at"),
+    Fault::wrong(
+        "what changes right after a search for crossings is not searched again",
+        "crates/tet-quality/src/improve/crossed.rs",
+        "mesh.changed[*v as usize] > self.at;",
+        "mesh.changed[*v as usize] > self.at + 1;",
+    )
+    .seen_by("inside::what_has_changed_is_searched_like_the_whole"),
+    Fault::wrong(
+        "pairs that have not changed are forgotten",
+        "crates/tet-quality/src/improve/crossed.rs",
+        "(found, std::mem::take(&mut self.pairs))",
+        "(found, Vec::<Pair>::new())",
+    )
+    .seen_by("inside::what_has_changed_is_searched_like_the_whole"),
 ];
