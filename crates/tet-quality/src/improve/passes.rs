@@ -244,12 +244,13 @@ impl<'a> Passes<'a> {
         self.guarded.find_gaps(self.spacing, near.as_deref());
     }
 
-    /// [`find_gaps`](Self::find_gaps) for what a pass works on.
+    /// [`find_gaps`](Self::find_gaps) for what a pass works on, and what it brings back to the isosurface.
     fn find_gaps_of(&mut self, settings: &PassSettings) {
         if self.watched {
             let mesh = &self.guarded.mesh;
             let bad = mesh.below(settings.smooth.max(settings.bound));
-            let vertices = corners_of(mesh, &bad);
+            let mut vertices = corners_of(mesh, &bad);
+            vertices.extend(self.off_field());
             self.find_gaps(Some(&vertices));
         }
     }
@@ -427,19 +428,22 @@ impl<'a> Passes<'a> {
         rounds(guarded, &mut self.with_smoothing, smoothed, judge, done);
     }
 
+    /// Surface vertices that may have left the isosurface since they were last brought back.
+    fn off_field(&self) -> impl Iterator<Item = u32> {
+        let mesh = &self.guarded.mesh;
+        (0..mesh.x.len() as u32).filter(|&v| {
+            mesh.freedom[v as usize].on_field() && mesh.changed[v as usize] > self.projected
+        })
+    }
+
     /// Brings surface vertices that have moved back to the isosurface, as far as the goals allow.
     fn project(&mut self, settings: &PassSettings, done: &mut Pass) -> Result<(), Error> {
         let near = self.tolerance(settings);
         let Some(surface) = &self.surface else {
             return Ok(());
         };
-        let mesh = &mut self.guarded.mesh;
-        let off: Vec<u32> = (0..mesh.x.len() as u32)
-            .filter(|&v| {
-                mesh.freedom[v as usize].on_field() && mesh.changed[v as usize] > self.projected
-            })
-            .collect();
-        self.projected = mesh.tick();
+        let off: Vec<u32> = self.off_field().collect();
+        self.projected = self.guarded.mesh.tick();
         let good = |corners| quality(corners) >= settings.floor;
         done.projected += project(&mut self.guarded, &off, surface, near, good)?;
         Ok(())
