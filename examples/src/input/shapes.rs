@@ -21,7 +21,7 @@ use spectral_corresp::{
 };
 
 use crate::args::ReaderArgs;
-use crate::input::source::{contour, extension};
+use crate::input::source::{Kind, contour};
 use crate::{Failure, Session};
 
 /// Two shapes and how lattice points are made of them.
@@ -198,21 +198,6 @@ pub struct Pair {
     pub unit: f64,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Structure,
-    Grid,
-    Mesh,
-}
-
-fn kind(path: &Path) -> Kind {
-    match extension(path).as_str() {
-        "mrc" | "map" | "ccp4" | "dx" => Kind::Grid,
-        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => Kind::Mesh,
-        _ => Kind::Structure,
-    }
-}
-
 /// The options of structures; the rest of those of the reader stands in [`crate::input::source::OF_STRUCTURES`].
 const OF_STRUCTURES: [&str; 3] = ["decay", "residue_power", "hydrogens"];
 
@@ -224,7 +209,7 @@ impl ShapeArgs {
 
     /// Reads both, as stages of the session.
     pub fn read(&self, session: &Session) -> Result<Pair, Failure> {
-        let kinds = [&self.first, &self.second].map(|p| kind(p));
+        let kinds = [&self.first, &self.second].map(|p| Kind::of(p));
         if !kinds.contains(&Kind::Structure) {
             let because = "is for structures, and neither input is one";
             session.refuse(&OF_STRUCTURES, because)?;
@@ -293,7 +278,7 @@ impl ShapeArgs {
             max_memory: session.memory(),
             ..ShapeOptions::default()
         };
-        let body = match kind(path) {
+        let body = match Kind::of(path) {
             Kind::Mesh => of_mesh(session, path, spacing, &options)?,
             Kind::Grid => {
                 let (grid, level) = self.grid(session, path)?;
@@ -353,7 +338,7 @@ impl ShapeArgs {
 
     /// The field of which a shape would be made, to ask which points lie inside.
     pub fn field(&self, session: &Session, path: &Path) -> Result<Field, Failure> {
-        Ok(match kind(path) {
+        Ok(match Kind::of(path) {
             Kind::Structure => Field::Structure(self.model(session, path)?.1),
             Kind::Grid => {
                 let (grid, level) = self.grid(session, path)?;

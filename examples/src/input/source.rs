@@ -114,12 +114,39 @@ pub fn extension(path: &Path) -> String {
         .map_or_else(String::new, |(_, e)| e.to_owned())
 }
 
+/// What kind of input a file is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Atoms; also what has no known extension.
+    Structure,
+    /// A density map.
+    Grid,
+    /// A surface, or tetrahedra.
+    Mesh,
+}
+
+impl Kind {
+    /// By the extension of its name.
+    pub fn of(path: &Path) -> Self {
+        match extension(path).as_str() {
+            "mrc" | "map" | "ccp4" | "dx" => Self::Grid,
+            "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => Self::Mesh,
+            _ => Self::Structure,
+        }
+    }
+}
+
 impl SourceArgs {
     /// Reads a grid, or a structure and samples it, as stages of the session.
     pub fn read(&self, session: &Session) -> Result<Source, Failure> {
-        match extension(&self.input).as_str() {
-            "mrc" | "map" | "ccp4" | "dx" => self.read_grid(session),
-            _ => self.read_structure(session),
+        match Kind::of(&self.input) {
+            Kind::Grid => self.read_grid(session),
+            Kind::Structure => self.read_structure(session),
+            Kind::Mesh => Err(format!(
+                "{}: a mesh, and this begins with atoms or a grid; 04_improve, 06 to 12, 15 and 17 take meshes",
+                self.input.display()
+            )
+            .into()),
         }
     }
 

@@ -3,7 +3,7 @@
 use geom_core::io::{self, AnyMesh, view::Field};
 use geom_core::{Structure, TriMesh};
 
-use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
+use crate::input::source::{Kind, OF_STRUCTURES, SourceArgs};
 use crate::{Failure, Session};
 
 /// A surface and what its input says of it.
@@ -24,8 +24,8 @@ pub fn read(source: &SourceArgs, session: &Session) -> Result<TriMesh, Failure> 
 /// The same, and what else is there.
 pub fn read_all(source: &SourceArgs, session: &Session) -> Result<Known, Failure> {
     let path = &source.input;
-    match extension(path).as_str() {
-        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => {
+    match Kind::of(path) {
+        Kind::Mesh => {
             session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
             let of_grids = ["isovalue", "enclosed_volume"];
             session.refuse(&of_grids, "is for grids, and the input is a mesh")?;

@@ -20,7 +20,7 @@ use tspline::{CleanOptions, Improved, Method, QualityOptions, TMesh, TMeshOption
 use super::surface;
 use crate::crosses::{self, Guide, Mode};
 use crate::input::labels::Labels;
-use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
+use crate::input::source::{Kind, OF_STRUCTURES, SourceArgs};
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use crate::{Failure, Session, products};
 
@@ -290,11 +290,7 @@ impl TMeshArgs {
 
     fn read(&self, session: &Session) -> Result<Input, Failure> {
         let path = &self.source.input;
-        let kind = extension(path);
-        if !matches!(
-            kind.as_str(),
-            "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb"
-        ) {
+        if Kind::of(path) != Kind::Mesh {
             let (surface, structure) = surface::with_structure(&self.source, session)?;
             return Ok(Input::of_surface(surface, structure));
         }
