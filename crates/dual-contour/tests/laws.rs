@@ -680,11 +680,14 @@ fn points_that_are_held_are_not_in_one_plane() {
             0.5 * depth
         }
     });
-    let grid = ScalarGrid::new(lattice, values.collect()).unwrap();
-    for method in METHODS {
-        let made = surface(&grid, None, &by(method), Run::on(&Cpu)).unwrap();
-        let [flat, all] = flat_meetings(&made.mesh);
-        assert!(all > 10_000 && flat == 0, "{method:?}: {flat} of {all}");
+    let noise = ScalarGrid::new(lattice, values.collect()).unwrap();
+    let smooth = (1..8).map(|seed| sample(&bumps(seed), 6.0, 32));
+    for grid in std::iter::once(noise).chain(smooth) {
+        for method in METHODS {
+            let made = surface(&grid, None, &by(method), Run::on(&Cpu)).unwrap();
+            let [flat, all] = flat_meetings(&made.mesh);
+            assert!(all > 10_000 && flat == 0, "{method:?}: {flat} of {all}");
+        }
     }
 }
 

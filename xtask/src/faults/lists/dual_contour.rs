@@ -172,6 +172,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
     Fault::wrong(
+        "snapped vertices stay on lines of the lattice",
+        "crates/dual-contour/src/contour/stuffing/snap.rs",
+        "const ASIDE: f64 = 1e-3;",
+        "const ASIDE: f64 = 0.0;",
+    )
+    .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
+    Fault::wrong(
         "cuts that make room do so at one share of their edges",
         "crates/dual-contour/src/contour/stuffing/snap.rs",
         "let share = self.limit(e) * (1.0 + APART * ratio);",

@@ -11,9 +11,9 @@ use super::Counts;
 use super::aside::{Aside, ROOM};
 use super::near::{NONE, Near, Pair, pair};
 use crate::dual::Probe;
-use crate::octree::along;
-use geom_core::Point3;
+use crate::octree::{along, exact};
 use geom_core::compute::parallel;
+use geom_core::{Point3, Vector3};
 
 /// Most neighbours of a vertex that may snap; no octree has more than 50.
 const LINK: usize = 64;
@@ -21,6 +21,10 @@ const LINK: usize = 64;
 /// How much farther cuts are moved away that were farther before, as a share of what is too close. Else all around a vertex
 /// are at one share of their edges, and the surface there has triangles that are exactly in planes with each other.
 const APART: f64 = 0.01;
+
+/// How far a vertex that snaps onto a cut goes on towards the middle of the cuts around it, and for the same reason: three such
+/// vertices whose edges lie in one plane of the lattice are a triangle in it.
+const ASIDE: f64 = 1e-3;
 
 /// What becomes of a vertex with cuts too close to it.
 enum Decision {
@@ -105,7 +109,7 @@ impl Near {
     fn safe_target(&self, v: u32) -> Option<u32> {
         self.violated(v)
             .filter(|&(e, _)| {
-                let fits = || !self.is_by_moved(v) || self.keeps_volumes(v, &self.cut_point(e, v));
+                let fits = || !self.is_by_moved(v) || self.keeps_volumes(v, &self.place_at(e, v));
                 self.is_safe(v, self.other(e, v)) && fits()
             })
             .min_by(|x, y| x.1.total_cmp(&y.1))
@@ -116,8 +120,27 @@ impl Near {
     /// [`Near::violated`] no longer counts them.
     fn snap_to(&mut self, v: u32, edge: u32) {
         let w = self.other(edge, v);
-        self.samples[v as usize].x = self.cut_point(edge, v);
+        self.samples[v as usize].x = self.place_at(edge, v);
         self.zero[v as usize] = Some(pair(self.label(v), self.label(w)));
+    }
+
+    /// The place that a vertex takes at the cut of an edge. In the plane of the box, and on the boundary of a material, which
+    /// may be plane, the cut itself.
+    fn place_at(&self, edge: u32, v: u32) -> Point3 {
+        let cut = self.cut_point(edge, v);
+        if self.planes[v as usize] != 0 || self.is_of_materials(edge) {
+            return cut;
+        }
+        let edges = self.edges_at.list(v as usize).iter();
+        let cuts = edges.filter(|&&e| {
+            self.zero[self.other(e, v) as usize].is_none() && !self.is_of_materials(e)
+        });
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for &e in cuts {
+            sum += self.cut_point(e, v) - cut;
+            count += 1.0;
+        }
+        cut + (sum * (ASIDE / f64::max(count, 1.0))).map(exact)
     }
 
     /// The cut of an edge, as seen from its end `v`.
