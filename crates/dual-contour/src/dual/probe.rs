@@ -513,7 +513,8 @@ pub(crate) fn off_ends(crossing: f64) -> f64 {
     1.0 - off_first(1.0 - off_first(crossing))
 }
 
-/// Over all pairs of corners, which in a tetrahedron are its edges; each crossing off the ends of its edge. Seen from the first corner, so that the mean does not depend on where the domain begins.
+/// Over all pairs of corners, which in a tetrahedron are its edges; each crossing off the ends of its edge. Seen from the
+/// first corner, so that the mean does not depend on where the domain begins.
 pub(super) fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
     let first = corners.first()?.x;
     let (mut sum, mut n) = (Vector3::zeros(), 0.0);
