@@ -143,7 +143,7 @@ impl SourceArgs {
             Kind::Grid => self.read_grid(session),
             Kind::Structure => self.read_structure(session),
             Kind::Mesh => Err(format!(
-                "{}: a mesh, and this begins with atoms or a grid; 04_improve, 06 to 12, 15 and 17 take meshes",
+                "{}: a mesh, and this begins with atoms or a grid; 04_improve, 06 to 15 and 17 take meshes",
                 self.input.display()
             )
             .into()),

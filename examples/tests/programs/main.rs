@@ -2055,7 +2055,7 @@ fn options_without_effect_are_refused() {
             &[&atoms, "--stages", "pockets", "--color", "element"],
             "--color is for --stages surface and tets",
         ),
-        ("00_pipeline", &[&mesh], "04_improve, 06 to 12"),
+        ("00_pipeline", &[&mesh], "04_improve, 06 to 15"),
         ("07_field", &[&mesh, "--mode", "hard"], "--mode says how"),
         (
             "15_segment",

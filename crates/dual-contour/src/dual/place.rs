@@ -220,11 +220,9 @@ fn dual_vertices(backend: &dyn ContourBackend, cells: &[[f32; 8]]) -> Result<Vec
 /// A point of the unit cube as a point of space, in cells; one outside, or none, is brought back.
 /// A backend that answers nonsense so gives a bad mesh, but a valid one.
 fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
-    let inside = x.map(|x| {
-        let x = if x.is_nan() { 0.5 } else { f64::from(x) };
-        x.clamp(INSET, 1.0 - INSET)
-    });
-    Room { low, size: 1.0 }.in_domain(&Point3::from(inside))
+    let x = x.map(|x| if x.is_nan() { 0.5 } else { f64::from(x) });
+    let cell = Room { low, size: 1.0 };
+    cell.in_domain(&cell.off_bulged_walls(Point3::from(x)))
 }
 
 /// The mean of the crossings of a face on the box.

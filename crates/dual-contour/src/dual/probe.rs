@@ -35,7 +35,9 @@ const NEWTON: Guard = Guard {
     near: NEAR,
 };
 
-/// How near to the ends of its edge a crossing may be, as a share of the edge: at least half of this.
+/// How far the walls that hold points are bulged, in halves of [`INSET`]: far beyond rounding, and nothing to be seen.
+const BULGE: f64 = 0.1;
+/// Crossings nearer than this to an end of their edge, as a share of it, are squeezed into the farther half of that.
 const END: f64 = 0.02;
 /// How near to the sides of its cell a dual vertex may go at which three regions meet, as a share of the cell.
 const JUNCTION_INSET: f64 = 0.3;
@@ -56,27 +58,23 @@ impl Room {
         Point3::from(x - local(self.low))
     }
 
-    /// A point of the cell among those of the domain, off its walls.
+    /// A point of the cell among those of the domain.
     pub(super) fn in_domain(&self, x: &Point3) -> Point3 {
-        local(self.low) + self.by_bulged_walls(x).coords.map(exact)
+        local(self.low) + x.coords.map(exact)
     }
 
-    /// A point that is held at a wall, as if the wall were bulged by half of the inset.
-    /// Else neighbours that are held at walls in one plane are exactly in it, and so are triangles between them: a
-    /// surface to which programs without a rule for such ties say that it crosses itself.
-    fn by_bulged_walls(&self, x: &Point3) -> Point3 {
+    /// A point of the isosurface, held off walls that are slightly bulged outwards; what is farther than two insets stays.
+    /// Off plane walls, neighbours that are held would be exactly in one plane, and so would triangles between them: a
+    /// surface to which programs without a rule for such ties say that it crosses itself. It is continuous, so that what
+    /// differs by rounding does so afterwards.
+    pub(super) fn off_bulged_walls(&self, x: Point3) -> Point3 {
         let inset = INSET * self.size;
+        let x = self.clamp(x);
         let off_middle = x.coords.map(|c| (c / self.size - 0.5).powi(2));
         let held = |k: usize| {
-            let others = off_middle.sum() - off_middle[k];
-            let wall = inset * (0.5 + others);
-            if x[k] <= inset {
-                wall
-            } else if x[k] >= self.size - inset {
-                self.size - wall
-            } else {
-                x[k]
-            }
+            let bulge = BULGE * inset * (0.5 - (off_middle.sum() - off_middle[k]));
+            let shift = |distance: f64| bulge * (2.0 - distance / inset).max(0.0);
+            x[k] - shift(x[k]) + shift(self.size - x[k])
         };
         Point3::from([0, 1, 2].map(held))
     }
@@ -116,11 +114,11 @@ impl Room {
     /// The dual vertex at the end of a way to the surface.
     /// Near enough, one more step to first order; not near enough within the steps, the best point that was seen.
     fn end_of(&self, found: &Projection) -> Point3 {
-        if found.end == End::Near {
-            self.clamp(found.best.foot())
+        self.off_bulged_walls(if found.end == End::Near {
+            found.best.foot()
         } else {
             found.best.at
-        }
+        })
     }
 }
 
@@ -310,14 +308,14 @@ impl<'a> Probe<'a> {
         let all = crossings.iter().map(|c| c.0.coords);
         let mass = Point3::from(all.sum::<Vector3>() / n);
         if self.placement == Placement::Mass {
-            Start::There(cell.clamp(mass))
+            Start::There(cell.off_bulged_walls(mass))
         } else if crossings.iter().all(|c| !c.1) {
             Start::There(self.wall(cell, mass))
         } else if crossings.iter().any(|c| !c.1) {
             let junction = self.junction(cell, mass, crossings);
             Start::There(junction.unwrap_or_else(|| cell.clamp(mass)))
         } else if self.placement == Placement::Qef {
-            Start::There(cell.clamp(self.nearest_to_planes(cell, &mass, crossings)))
+            Start::There(cell.off_bulged_walls(self.nearest_to_planes(cell, &mass, crossings)))
         } else {
             Start::From(cell.clamp(mass))
         }
@@ -507,7 +505,7 @@ pub(crate) fn part_point(
 }
 
 /// A crossing of the surface kept off the ends of its edge, so that no tetrahedron degenerates. Crossings that differ still
-/// do: else those around one corner are in planes with each other (see [`Room::by_bulged_walls`]).
+/// do: else those around one corner are in planes with each other (see [`Room::off_bulged_walls`]).
 pub(crate) fn off_ends(crossing: f64) -> f64 {
     let off_first = |t: f64| if t < END { 0.5 * (END + t) } else { t };
     1.0 - off_first(1.0 - off_first(crossing))

@@ -111,7 +111,8 @@ pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
 }
 
 /// Those of [`crossing_pairs`] of which at least one triangle is `among` some: of a mesh of which little has changed, what may
-/// have come to cross. Parallel, a look at each triangle and `O(k log k)` for k that are among them.
+/// have come to cross. Parallel, `O(k log k)` for a tree of the k that are among them and at most `O(log k)` for each other
+/// triangle that hardly crosses any.
 ///
 /// ```
 /// use geom_core::mesh::shapes;

@@ -76,6 +76,11 @@ struct Side {
     normal: Vector3,
 }
 
+/// The middle of a triangle, by which it stands in a cell.
+fn middle_of([a, b, c]: [Point3; 3]) -> Point3 {
+    Point3::from((a.coords + b.coords + c.coords) / 3.0)
+}
+
 /// The cell of a point; cells are as wide as the reach.
 /// The last coordinate comes first, so that cells in order of their arrays are rows along x.
 fn cell_of(x: &Point3, reach: f64) -> [i32; 3] {
@@ -98,7 +103,7 @@ fn cells_around(points: &[Point3], reach: f64) -> Vec<[i32; 3]> {
 impl Side {
     fn new(corners: [u32; 3], x: &[Point3], reach: f64) -> Self {
         let [a, b, c] = corners.map(|v| x[v as usize]);
-        let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+        let middle = middle_of([a, b, c]);
         Self {
             cell: cell_of(&middle, reach),
             corners,
@@ -234,7 +239,13 @@ impl BoundaryChange {
 /// The triangles of the boundary that may come to face others, by cell; those in some `cells`, if any are given.
 /// Triangles without a vertex of the isosurface are left out, and so are those between tetrahedra.
 fn sides_of(mesh: &EditableMesh, reach: f64, cells: Option<&[[i32; 3]]>) -> Vec<Side> {
-    let wanted = |side: &Side| cells.is_none_or(|cells| cells.binary_search(&side.cell).is_ok());
+    // Cheap beside the search for what is beyond.
+    let wanted = |corners: [u32; 3]| {
+        cells.is_none_or(|cells| {
+            let cell = cell_of(&middle_of(corners.map(|v| mesh.x[v as usize])), reach);
+            cells.binary_search(&cell).is_ok()
+        })
+    };
     let mut sides: Vec<Side> = parallel::flat_map(mesh.tets.len(), |t| {
         let living = Some(t as u32).filter(|&t| !mesh.is_empty_slot(t));
         living.into_iter().flat_map(|t| {
@@ -246,10 +257,10 @@ fn sides_of(mesh: &EditableMesh, reach: f64, cells: Option<&[[i32; 3]]>) -> Vec<
                     // The others stay in their planes.
                     !FACES[k].iter().any(|&i| free[i])
                         && FACES[k].iter().any(|&i| field[i])
+                        && wanted(FACES[k].map(|i| tet[i]))
                         && mesh.beyond(t, k).is_none()
                 })
                 .map(move |k| Side::new(FACES[k].map(|i| tet[i]), &mesh.x, reach))
-                .filter(wanted)
         })
     });
     sides.par_sort_unstable_by_key(|s| (s.cell, s.corners));

@@ -9,8 +9,8 @@ use geom_core::search::crossing::{crossing_pairs, crossing_pairs_among};
 
 use crate::mesh::editable::EditableMesh;
 
-/// Share of the boundary that may have changed to search only there.
-const LITTLE: usize = 8;
+/// Fewer triangles than one in so many may have changed to search only these.
+const ONE_IN: usize = 8;
 
 /// Two triangles of the boundary that cross.
 /// By their corners, not by the numbers of faces, which would not outlast a change of the boundary.
@@ -34,7 +34,7 @@ impl Crossed {
         let count = fresh.iter().filter(|f| **f).count();
         let boundary = TriMesh::new(mesh.x.clone(), faces.clone());
         let boundary = boundary.expect("the operations keep the mesh valid");
-        let (found, kept) = if LITTLE * count < faces.len() {
+        let (found, kept) = if ONE_IN * count < faces.len() {
             let found = crossing_pairs_among(&boundary, |t| fresh[t as usize]);
             (found, std::mem::take(&mut self.pairs))
         } else {

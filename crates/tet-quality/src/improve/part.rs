@@ -166,8 +166,7 @@ impl Passes<'_> {
         }
         let in_vain = how == How::ThroughOthers && pairs.len() >= before.len();
         if in_vain || (!mended(self) && !self.goals_met()) {
-            self.go_back(kept, projected);
-            self.crossed = crossed;
+            self.go_back(kept, projected, crossed);
             passes.truncate(made);
             *pairs = before;
         }
@@ -195,7 +194,7 @@ impl Passes<'_> {
     }
 
     /// Drops the pairs that no longer cross. Where none is left, others may have come in their place.
-    /// The whole boundary is searched only then.
+    /// They are searched only then.
     fn keep_crossing(&mut self, pairs: &mut Vec<Pair>) {
         let mesh = &self.guarded.mesh;
         let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);

@@ -51,8 +51,8 @@ const FEW: usize = 100;
 /// Share of the surface vertices that may stay farther from the isosurface than allowed.
 /// At pinches the isosurface cannot be reached at all, and passes for the sake of these would never end.
 const ENOUGH: f64 = 5e-4;
-/// Share of all vertices that may move for gaps to be looked for only near them.
-const LOCAL: usize = 100;
+/// Fewer vertices than one in so many may move for gaps to be looked for only near them.
+const ONE_IN: usize = 100;
 /// Most rounds of bringing surface vertices to the isosurface after the passes.
 const SETTLE: u32 = 6;
 
@@ -231,7 +231,7 @@ impl<'a> Passes<'a> {
             return;
         }
         let mesh = &self.guarded.mesh;
-        let few = moving.filter(|vertices| LOCAL * vertices.len() < mesh.x.len());
+        let few = moving.filter(|vertices| ONE_IN * vertices.len() < mesh.x.len());
         let near: Option<Vec<Point3>> = few.map(|vertices| {
             let around: Vec<u32> = vertices
                 .iter()
@@ -244,15 +244,18 @@ impl<'a> Passes<'a> {
         self.guarded.find_gaps(self.spacing, near.as_deref());
     }
 
-    /// [`find_gaps`](Self::find_gaps) for what a pass works on, and what it brings back to the isosurface.
+    /// [`find_gaps`](Self::find_gaps) for what a pass works on, and what it brings back to the isosurface. Operations may reach
+    /// farther: where every step is to be watched, all gaps; while walls are parted, crossings are counted again afterwards.
     fn find_gaps_of(&mut self, settings: &PassSettings) {
-        if self.watched {
-            let mesh = &self.guarded.mesh;
-            let bad = mesh.below(settings.smooth.max(settings.bound));
-            let mut vertices = corners_of(mesh, &bad);
-            vertices.extend(self.off_field());
-            self.find_gaps(Some(&vertices));
+        if !self.watched || self.options.keep_apart {
+            return self.find_gaps(None);
         }
+        let mesh = &self.guarded.mesh;
+        let mut vertices = corners_of(mesh, &mesh.below(settings.smooth));
+        vertices.extend(self.off_field());
+        vertices.sort_unstable();
+        vertices.dedup();
+        self.find_gaps(Some(&vertices));
     }
 
     /// The objective is known of every tetrahedron at any time: one pass over an array.
@@ -306,8 +309,9 @@ impl<'a> Passes<'a> {
 
     /// Takes the mesh as it was, when vertices had last been brought back at `projected`. What was tried since was tried with
     /// another mesh.
-    pub(super) fn go_back(&mut self, kept: GuardedMesh, projected: u32) {
-        self.guarded = kept;
+    /// So is what crossed then: the clock goes back, too.
+    pub(super) fn go_back(&mut self, kept: GuardedMesh, projected: u32, crossed: Crossed) {
+        (self.guarded, self.crossed) = (kept, crossed);
         (self.plain, self.with_smoothing) = (Memory::default(), Memory::default());
         self.smoothed.clear();
         self.projected = projected;
@@ -489,6 +493,9 @@ impl<'a> Passes<'a> {
         for _ in 0..SETTLE {
             self.guarded.mesh.know_tangents(&all, &surface)?;
             let off = far_vertices(&self.guarded.mesh, &rules);
+            if off.is_empty() {
+                return Ok(0);
+            }
             self.find_gaps(Some(&off));
             // Alone where that does, else with their neighbours.
             let before = done.projected;

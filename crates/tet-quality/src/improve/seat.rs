@@ -41,7 +41,7 @@ impl Passes<'_> {
             if off.is_empty() {
                 break;
             }
-            self.find_gaps(Some(&off));
+            self.find_gaps(None);
             let before = done.projected;
             done.projected += project(&mut self.guarded, &off, &field, rules.tolerance, good)?;
             let left = off_plane(&self.guarded.mesh);

@@ -167,8 +167,15 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "points that are held at walls stand in one plane",
         "crates/dual-contour/src/dual/probe.rs",
-        "let wall = inset * (0.5 + others);",
-        "let wall = inset;",
+        "const BULGE: f64 = 0.1;",
+        "const BULGE: f64 = 0.0;",
+    )
+    .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
+    Fault::wrong(
+        "crossings near the ends of their edges are all at one share of it",
+        "crates/dual-contour/src/dual/probe.rs",
+        "if t < END { 0.5 * (END + t) } else { t }",
+        "t.max(END)",
     )
     .seen_by("laws::points_that_are_held_are_not_in_one_plane"),
     Fault::wrong(

@@ -1,7 +1,7 @@
 //! Vertices snap onto close cuts.
 //!
 //! A cut very near to the end of its edge would make a tetrahedron that is nearly flat. Labelle and Shewchuk move the vertex
-//! onto the cut instead: it then lies on the surface, and no edge of it is cut any more. With cuts closer than a fixed
+//! onto the cut instead: it then lies on the surface, but for a thousandth of the way to other cuts, and no edge of it is cut any more. With cuts closer than a fixed
 //! share of the edge snapped, a finite number of shapes remains, and the angles of all of them are known before anything is
 //! meshed. But a vertex that becomes part of the surface may touch another part of it. So it may snap only if the surface
 //! around it is then one disk, which its link tells; otherwise it stays and its cuts move away from it, or where they
@@ -131,16 +131,15 @@ impl Near {
         if self.planes[v as usize] != 0 || self.is_of_materials(edge) {
             return cut;
         }
+        // One of them is the edge itself.
         let edges = self.edges_at.list(v as usize).iter();
-        let cuts = edges.filter(|&&e| {
-            self.zero[self.other(e, v) as usize].is_none() && !self.is_of_materials(e)
-        });
+        let cuts = edges.filter(|&&e| self.zero[self.other(e, v) as usize].is_none());
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         for &e in cuts {
             sum += self.cut_point(e, v) - cut;
             count += 1.0;
         }
-        cut + (sum * (ASIDE / f64::max(count, 1.0))).map(exact)
+        cut + (sum * (ASIDE / count)).map(exact)
     }
 
     /// The cut of an edge, as seen from its end `v`.
