@@ -137,6 +137,13 @@ impl Kind {
 }
 
 impl SourceArgs {
+    /// Refuses the options that say nothing of a mesh.
+    pub fn refuse_beside_mesh(session: &Session) -> Result<(), Failure> {
+        session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
+        let of_grids = ["isovalue", "enclosed_volume"];
+        session.refuse(&of_grids, "is for grids, and the input is a mesh")
+    }
+
     /// Reads a grid, or a structure and samples it, as stages of the session.
     pub fn read(&self, session: &Session) -> Result<Source, Failure> {
         match Kind::of(&self.input) {

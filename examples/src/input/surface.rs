@@ -3,7 +3,7 @@
 use geom_core::io::{self, AnyMesh, view::Field};
 use geom_core::{Structure, TriMesh};
 
-use crate::input::source::{Kind, OF_STRUCTURES, SourceArgs};
+use crate::input::source::{Kind, SourceArgs};
 use crate::{Failure, Session};
 
 /// A surface and what its input says of it.
@@ -26,9 +26,7 @@ pub fn read_all(source: &SourceArgs, session: &Session) -> Result<Known, Failure
     let path = &source.input;
     match Kind::of(path) {
         Kind::Mesh => {
-            session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
-            let of_grids = ["isovalue", "enclosed_volume"];
-            session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
+            SourceArgs::refuse_beside_mesh(session)?;
             let read = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
             let fields = match &read.mesh {
                 AnyMesh::Tet(_) => Vec::new(),

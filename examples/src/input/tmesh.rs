@@ -20,7 +20,7 @@ use tspline::{CleanOptions, Improved, Method, QualityOptions, TMesh, TMeshOption
 use super::surface;
 use crate::crosses::{self, Guide, Mode};
 use crate::input::labels::Labels;
-use crate::input::source::{Kind, OF_STRUCTURES, SourceArgs};
+use crate::input::source::{Kind, SourceArgs};
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use crate::{Failure, Session, products};
 
@@ -294,9 +294,7 @@ impl TMeshArgs {
             let (surface, structure) = surface::with_structure(&self.source, session)?;
             return Ok(Input::of_surface(surface, structure));
         }
-        session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
-        let of_grids = ["isovalue", "enclosed_volume"];
-        session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
+        SourceArgs::refuse_beside_mesh(session)?;
         let file = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
         let quads = match &file.mesh {
             AnyMesh::Quad(quads) => Some(quads.clone()),

@@ -32,7 +32,7 @@ use crate::options::{Options, SurfaceMotion};
 use crate::outcome::Pass;
 use crate::smoothing::flow::flow;
 use crate::smoothing::smooth::{
-    SurfaceRules, corners_of, foot, load, project, relax, relax_surface,
+    SurfaceRules, corners_of, foot, load, neighbourhood_of, project, relax, relax_surface,
 };
 use crate::smoothing::star::Star;
 
@@ -233,13 +233,8 @@ impl<'a> Passes<'a> {
         let mesh = &self.guarded.mesh;
         let few = moving.filter(|vertices| ONE_IN * vertices.len() < mesh.x.len());
         let near: Option<Vec<Point3>> = few.map(|vertices| {
-            let around: Vec<u32> = vertices
-                .iter()
-                .flat_map(|&v| mesh.incidence.of(v))
-                .copied()
-                .collect();
-            let corners = corners_of(mesh, &around);
-            corners.iter().map(|&v| mesh.x[v as usize]).collect()
+            let around = neighbourhood_of(mesh, vertices);
+            around.iter().map(|&v| mesh.x[v as usize]).collect()
         });
         self.guarded.find_gaps(self.spacing, near.as_deref());
     }
@@ -307,9 +302,8 @@ impl<'a> Passes<'a> {
         Ok(true)
     }
 
-    /// Takes the mesh as it was, when vertices had last been brought back at `projected`. What was tried since was tried with
-    /// another mesh.
-    /// So is what crossed then: the clock goes back, too.
+    /// Takes the mesh as it was, when vertices had last been brought back at `projected` and these triangles crossed: its clock
+    /// goes back, too. What was tried since was tried with another mesh.
     pub(super) fn go_back(&mut self, kept: GuardedMesh, projected: u32, crossed: Crossed) {
         (self.guarded, self.crossed) = (kept, crossed);
         (self.plain, self.with_smoothing) = (Memory::default(), Memory::default());

@@ -12,7 +12,7 @@ use crate::measure::metrics::quality;
 use crate::mesh::editable::EditableMesh;
 use crate::operations::operate::round_of_projections;
 use crate::outcome::Pass;
-use crate::smoothing::smooth::{SurfaceRules, corners_of, project, relax, relax_surface};
+use crate::smoothing::smooth::{SurfaceRules, neighbourhood_of, project, relax, relax_surface};
 use crate::smoothing::star::Star;
 
 /// Most rounds.
@@ -49,13 +49,7 @@ impl Passes<'_> {
             if done.projected == before {
                 break;
             }
-            let mesh = &self.guarded.mesh;
-            let around: Vec<u32> = off
-                .iter()
-                .flat_map(|&v| mesh.incidence.of(v))
-                .copied()
-                .collect();
-            let around = corners_of(mesh, &around);
+            let around = neighbourhood_of(&self.guarded.mesh, &off);
             relax(&mut self.guarded, &around, ROUNDS, None, run)?;
             relax_surface(&mut self.guarded, &around, &rules, run)?;
         }

@@ -61,6 +61,12 @@ pub(crate) fn corners_of(mesh: &EditableMesh, tets: &[u32]) -> Vec<u32> {
     out
 }
 
+/// Some vertices and all that share a tetrahedron with one of them, sorted.
+pub(crate) fn neighbourhood_of(mesh: &EditableMesh, vertices: &[u32]) -> Vec<u32> {
+    let around = vertices.iter().flat_map(|&v| mesh.incidence.of(v));
+    corners_of(mesh, &around.copied().collect::<Vec<u32>>())
+}
+
 /// Two unit vectors across a unit vector and each other; coordinate axes for a coordinate axis.
 /// The second is the cross product of `n` and the first: with `n` as the third they are right-handed.
 pub(crate) fn across(n: &Vector3) -> [Vector3; 2] {
