@@ -5,6 +5,7 @@ use geom_core::algebra::{
     Cholesky, Error, Jacobi, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
     substitution,
 };
+use geom_core::compute::lists::Lists;
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Complex, DMatrix};
@@ -528,7 +529,7 @@ fn tasks_solve_what_one_sweep_solves() {
 }
 
 /// Triplets are sorted piece by piece, and rows made block by block: sums are those of adding in the given order, bit for bit, and the
-/// error that of the first at fault.
+/// error that of the first at fault. Rows that are written one by one are the same.
 #[test]
 fn triplets_of_many_pieces_are_added_in_their_order() {
     const ROWS: usize = 5000;
@@ -548,6 +549,29 @@ fn triplets_of_many_pieces_are_added_in_their_order() {
     let matrix = SparseMatrix::from_triplets(ROWS, ROWS, &entries).unwrap();
     let all = (0..ROWS).flat_map(|i| matrix.row(i).map(move |(j, x)| ((i, j), x)));
     assert!(all.eq(sums), "not the sums in the given order");
+
+    // The same row by row.
+    let of_row = Lists::of(ROWS, || entries.iter().map(|&(i, j, x)| (i, (j, x))));
+    let by_rows = |columns| {
+        SparseMatrix::from_rows(ROWS, columns, |i, row| {
+            row.extend_from_slice(of_row.list(i));
+        })
+    };
+    assert_eq!(by_rows(ROWS).unwrap(), matrix);
+    let (row, column) = (0..ROWS)
+        .flat_map(|i| matrix.row(i).map(move |e| (i, e.0)))
+        .find(|e| e.1 >= ROWS - 7)
+        .unwrap();
+    let refused = by_rows(ROWS - 7).unwrap_err();
+    assert!(
+        matches!(refused, Error::OutOfRange { row: r, column: c, .. } if (r, c) == (row, column)),
+        "{refused}"
+    );
+    let flawed = SparseMatrix::from_rows(2, 2, |i, row| {
+        row.push((1, [1.0, f64::NAN][i]));
+    });
+    assert_eq!(flawed.unwrap_err(), Error::NotFinite { row: 1, column: 1 });
+
     entries[290_000].2 = f64::NAN;
     entries[150_000].0 = ROWS as u32;
     let refused = SparseMatrix::from_triplets(ROWS, ROWS, &entries);

@@ -18,6 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use geom_core::algebra::{
     LinearMap, SingleFactor, SparseMatrix, Symbolic, conjugate_gradients, iterate,
 };
+use geom_core::compute::lists::Lists;
 use geom_core::compute::parallel;
 
 use super::cut::Cut;
@@ -73,6 +74,40 @@ pub(crate) struct Weighted<'a> {
     factors: [Mutex<Option<Arc<SingleFactor>>>; 2],
 }
 
+/// What hangs on each value: P and C by their columns.
+struct Hanging {
+    /// Coordinates, as `2 · copy + component`, and how often.
+    in_rows: Lists<(u32, i32)>,
+    /// The same of closings.
+    in_closings: Lists<(u32, i32)>,
+    /// Per copy the corners that it is at, as `3 · triangle + corner`.
+    at_corners: Lists<u32>,
+}
+
+impl Hanging {
+    fn of(system: &System<'_>) -> Self {
+        let (seams, cut) = (system.seams, system.cut);
+        let rows = || {
+            (0..2 * seams.copies() as u32).flat_map(|at| {
+                let row = seams.row(at / 2, at as usize % 2);
+                row.map(move |(k, p)| (k as u32, (at, p)))
+            })
+        };
+        let closings = || {
+            (0..seams.closings.len()).flat_map(|closing| {
+                let row = seams.closings.row(closing);
+                row.map(move |(k, p)| (k as u32, (closing as u32, p)))
+            })
+        };
+        let corners = || cut.copy.iter().copied().zip(0..);
+        Self {
+            in_rows: Lists::of(seams.values(), rows),
+            in_closings: Lists::of(seams.values(), closings),
+            at_corners: Lists::of(seams.copies(), corners),
+        }
+    }
+}
+
 impl<'a> System<'a> {
     /// With the identity wanted in every triangle.
     pub(crate) fn new(cut: &'a Cut, seams: &'a Seams, charts: &'a [Chart]) -> Self {
@@ -87,25 +122,22 @@ impl<'a> System<'a> {
 
     /// Assembles, triangle f counting `weights[f]` times.
     ///
-    /// `Pᵀ K P` is summed triangle by triangle, as K itself would be: a coordinate is a sum of one value or a few.
+    /// `Pᵀ K P` is summed row by row, each over its triangles in their order: a list of what all of them contribute would be four
+    /// times as large as the matrix.
     pub(crate) fn weighted(&self, weights: &[f64]) -> Result<Weighted<'a>, Error> {
         let values = self.seams.values();
-        let mut entries = parallel::flat_map(weights.len(), |f| {
-            let mut own = Vec::new();
-            self.stiffness(f, weights[f], |k| Some(k as u32), &mut own);
-            own
-        });
+        let hanging = Hanging::of(self);
         // Closings stay together whatever the triangles pull.
-        let stiff = self.stiffness_of_closings(&entries);
+        let stiff = self.stiffness_of_closings(&hanging, weights);
         let closings = &self.seams.closings;
-        for (row, stiff) in stiff.iter().enumerate() {
-            for (i, p) in closings.row(row) {
-                let others = closings.row(row);
-                entries.extend(others.map(|(j, q)| (i as u32, j as u32, stiff * f64::from(p * q))));
+        let matrix = SparseMatrix::from_rows(values, values, |i, row| {
+            self.row(&hanging, i, weights, row);
+            for &(closing, p) in hanging.in_closings.list(i) {
+                let stiff = stiff[closing as usize];
+                let terms = closings.row(closing as usize);
+                row.extend(terms.map(|(j, q)| (j as u32, stiff * f64::from(p * q))));
             }
-        }
-        let matrix = SparseMatrix::from_triplets(values, values, &entries)?;
-        drop(entries);
+        })?;
         Ok(Weighted {
             seams: self.seams,
             right: self.right(weights),
@@ -116,9 +148,30 @@ impl<'a> System<'a> {
         })
     }
 
-    /// Adds what a triangle contributes to A, for the values that have a place.
+    /// What the triangles contribute to a row of A.
     ///
     /// In a triangle u and v do not know of each other. Seams alone mix them, through P.
+    fn row(&self, hanging: &Hanging, value: usize, weights: &[f64], row: &mut Vec<(u32, f64)>) {
+        let corners = hanging.in_rows.list(value).iter().flat_map(|&(at, p)| {
+            let (copy, component) = (at as usize / 2, at as usize % 2);
+            let corners = hanging.at_corners.list(copy).iter();
+            corners.map(move |&h| (h as usize / 3, component, h as usize % 3, p))
+        });
+        let mut corners: Vec<(usize, usize, usize, i32)> = corners.collect();
+        corners.sort_unstable();
+        for (f, component, k, p) in corners {
+            let chart = &self.charts[f];
+            let weight = weights[f] * chart.area;
+            let stiffness = chart.stiffness()[component][k];
+            for (l, stiffness) in stiffness.into_iter().enumerate() {
+                let value = weight * stiffness * f64::from(p);
+                let terms = self.seams.row(self.cut.copy[3 * f + l], component);
+                row.extend(terms.map(|(j, q)| (j as u32, value * f64::from(q))));
+            }
+        }
+    }
+
+    /// Adds what a triangle contributes to A, for the values that have a place: the same for a few triangles.
     pub(crate) fn stiffness(
         &self,
         f: usize,
@@ -162,12 +215,14 @@ impl<'a> System<'a> {
         right
     }
 
-    /// R, for the entries of A.
-    fn stiffness_of_closings(&self, entries: &[(u32, u32, f64)]) -> Vec<f64> {
-        let mut diagonal = vec![0.0; self.seams.values()];
-        for &(i, _, value) in entries.iter().filter(|e| e.0 == e.1) {
-            diagonal[i as usize] += value;
-        }
+    /// R, for the diagonal of A.
+    fn stiffness_of_closings(&self, hanging: &Hanging, weights: &[f64]) -> Vec<f64> {
+        let diagonal = parallel::map_init(self.seams.values(), Vec::new, |row, i| {
+            row.clear();
+            self.row(hanging, i, weights, row);
+            let own = row.iter().filter(|e| e.0 as usize == i);
+            own.fold(0.0, |sum, e| sum + e.1)
+        });
         let mean = diagonal.iter().sum::<f64>() / diagonal.len().max(1) as f64;
         let closings = &self.seams.closings;
         let of = |row| {

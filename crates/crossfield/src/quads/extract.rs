@@ -94,7 +94,7 @@ pub(super) fn lines(laid: &Laid, frames: &Frames, nested: u8) -> Result<Lines, E
             Ok((sources, quads, map.report))
         }
         Laid::Decimated(spread, _) | Laid::Vain(spread) => {
-            let (points, quads) = cells(&spread.net, &spread.map, nested)?;
+            let (points, quads) = cells(spread.net(), &spread.map, nested)?;
             let placed = |p: &SurfacePoint| {
                 let face = p.triangle as usize;
                 let (triangle, barycentric) =

@@ -21,7 +21,7 @@ pub(super) fn narrow(spread: &Spread, nested: u8) -> Narrow {
 
 fn around(spread: &Spread, nested: u8) -> Result<Narrow, Error> {
     let paper = Paper {
-        net: &spread.net,
+        net: spread.net(),
         map: &spread.map,
         finer: u32::from(nested),
     };

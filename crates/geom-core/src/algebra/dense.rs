@@ -122,7 +122,14 @@ pub(crate) fn subtract_from_two(
 pub(crate) fn product(a: &[Tall<'_>], c: &[f64], columns: usize) -> Vec<f64> {
     let rows = a.first().map_or(0, Tall::rows);
     let mut out = vec![0.0; rows * columns];
-    add_product(&mut out, columns, a, c, 1.0);
+    if columns > 0 {
+        parallel::for_chunks(&mut out, ROWS * columns, |k, out| {
+            // Written before it is added to: a new page that is read first is mapped twice, and the second time all
+            // threads are stopped, which took longer than the product on two.
+            out.fill(0.0);
+            add_product_part(out, columns, a, c, 1.0, k * ROWS);
+        });
+    }
     out
 }
 

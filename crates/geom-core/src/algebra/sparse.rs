@@ -325,21 +325,55 @@ impl<T: Scalar> SparseMatrix<T> {
     }
 
     /// A matrix whose rows are written by `row(i, &mut entries)`: pairs of column and value in any
-    /// order; entries of one column are added in the written order. Rows are written in parallel, piece by piece.
+    /// order; entries of one column are added in the written order. Rows are written in parallel, piece by piece: what a list of
+    /// [triplets](Self::from_triplets) takes in memory is saved.
+    ///
+    /// ```
+    /// use geom_core::algebra::SparseMatrix;
+    /// let path = SparseMatrix::from_rows(3, 3, |i, row: &mut Vec<(u32, f64)>| {
+    ///     for j in [i.wrapping_sub(1), i + 1].into_iter().filter(|&j| j < 3) {
+    ///         row.extend([(i as u32, 1.0), (j as u32, -1.0)]);
+    ///     }
+    /// })?;
+    /// assert_eq!(path.multiply(&[1.0, 2.0, 4.0], 1), [-1.0, -1.0, 2.0]);
+    /// # Ok::<(), geom_core::algebra::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Error::TooLarge`]. Columns and values are the caller's to check.
-    pub(crate) fn from_rows(
+    /// [`Error::TooLarge`]; then, of the first row at fault, [`Error::OutOfRange`] or [`Error::NotFinite`].
+    pub fn from_rows(
         rows: usize,
         columns: usize,
         row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
     ) -> Result<Self, Error> {
-        Self::from_blocks(rows, columns, |_, own, out| {
+        let matrix = Self::from_blocks(rows, columns, |_, own, out| {
             let mut entries: Vec<(u32, T)> = Vec::new();
             for i in own {
                 entries.clear();
                 row(i, &mut entries);
                 out.push(&mut entries);
+            }
+        })?;
+        let is_bad = |row| {
+            let mut entries = matrix.row(row);
+            entries.any(|(column, value)| column >= columns || !value.finite())
+        };
+        let Some(row) = parallel::first(rows, is_bad) else {
+            return Ok(matrix);
+        };
+        let mut entries = matrix.row(row).map(|e| e.0);
+        Err(match entries.find(|&column| column >= columns) {
+            Some(column) => Error::OutOfRange {
+                row,
+                column,
+                rows,
+                columns,
+            },
+            None => {
+                let mut entries = matrix.row(row);
+                let bad = entries.find(|e| !e.1.finite());
+                let column = bad.map_or(0, |e| e.0);
+                Error::NotFinite { row, column }
             }
         })
     }

@@ -32,10 +32,17 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::integers_know_what_the_reals_do"),
     Fault::wrong(
+        "of the closings that a value is in the first alone counts",
+        "crates/crossfield/src/map/system.rs",
+        "in hanging.in_closings.list(i) {",
+        "in hanging.in_closings.list(i).iter().take(1) {",
+    )
+    .seen_by("laws::integers_know_what_the_reals_do"),
+    Fault::wrong(
         "sides of a decimated map shall point backwards",
         "crates/crossfield/src/map/integers/spread.rs",
-        "let mut side = self.exact[next(h)].clone();",
-        "let mut side = self.exact[previous(h)].clone();",
+        "let mut side = exact[next(h)].clone();",
+        "let mut side = exact[previous(h)].clone();",
     )
     .seen_by("laws::integers_know_what_the_reals_do"),
     Fault::wrong(

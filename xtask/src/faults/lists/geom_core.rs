@@ -335,6 +335,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("solver::triplets_of_many_pieces_are_added_in_their_order"),
     Fault::wrong(
+        "rows with a column outside of the matrix are let through",
+        "crates/geom-core/src/algebra/sparse.rs",
+        "entries.any(|(column, value)| column >= columns || !value.finite())",
+        "entries.any(|(_, value)| !value.finite())",
+    )
+    .seen_by("solver::triplets_of_many_pieces_are_added_in_their_order"),
+    Fault::wrong(
         "of triangles that touch the first that is met is named",
         "crates/geom-core/src/search/bvh/mod.rs",
         "d < best_squared || (d == best_squared && id < b)",

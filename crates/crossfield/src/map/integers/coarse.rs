@@ -12,7 +12,6 @@ use super::plane::{
     FLAT, Link, Place, add, cross, ears, inverse, minus, opening, rotated, rotated_sums,
     signed_area,
 };
-use super::upright::Upright;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
 use crate::map::cut::Cut;
@@ -30,7 +29,7 @@ const MOST_FLIPS: usize = 1000;
 /// Triangles that remain of a map (Coudert-Osmont et al., *Quad mesh quantization without a T-mesh*, 2024: the integers of a
 /// seamless map are right when they leave the triangles of a decimated map upright). A vertex around which the map is flat is
 /// taken out and the polygon around it triangulated anew, in its chart; what is left are cones and corners of the boundary.
-pub(in crate::map) struct Coarse {
+pub(super) struct Coarse {
     /// Per half-edge, the vertex it starts from. Half-edges `3 t + k` keep their places: a flip writes two triangles
     /// over two others, and taking out a vertex leaves some not alive.
     pub(super) from: Vec<u32>,
@@ -58,7 +57,7 @@ impl Coarse {
     /// many flips as it needs, then those of twice as many, and so on, so that the work stays near proportional to the
     /// triangles; what resists is hidden in a Delaunay triangulation. What is left are the singular vertices and the
     /// corners of the boundary, in a Delaunay triangulation: two triangles for each of them, about.
-    pub(in crate::map) fn of(
+    pub(super) fn of(
         frames: &Frames,
         field: &CrossField,
         cut: &Cut,
@@ -120,32 +119,6 @@ impl Coarse {
         for (h, (place, link)) in alive.into_iter().zip(written) {
             (self.place[h].exact, self.link[h].exact) = (place, link);
         }
-    }
-
-    /// How many are left.
-    #[cfg(feature = "testing")]
-    pub(in crate::map) fn triangles(&self) -> usize {
-        self.alive.iter().filter(|&&alive| alive).count()
-    }
-
-    /// What the integers must be for every triangle to be upright; `None` if a corner is no sum of integers.
-    pub(in crate::map) fn upright(&self) -> Option<Upright> {
-        let alive: Vec<usize> = (0..self.alive.len()).filter(|&t| self.alive[t]).collect();
-        let sides = alive.iter().map(|&t| {
-            let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].exact.as_ref());
-            let from_a = |to: &[Sum; 2]| {
-                let mut side = to.clone();
-                add(&mut side, a?, -1);
-                Some(side)
-            };
-            Some([from_a(b?)?, from_a(c?)?])
-        });
-        let relaxed = alive.iter().map(|&t| {
-            let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].at);
-            [minus(b, a), minus(c, a)]
-        });
-        let relaxed: Vec<_> = relaxed.collect();
-        Some(Upright::new(&sides.collect::<Option<Vec<_>>>()?, &relaxed))
     }
 
     /// Flips edges until the sum of the angles opposite each is at most a half turn (Delaunay): no triangle is flatter than

@@ -23,7 +23,7 @@ const BREAKOUTS: usize = 60;
 const TURNS: usize = 4;
 
 /// What would keep upright triangles from turning too far around vertices; nothing where none do, `None` if that is not known.
-pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Option<Vec<AtLeast>>;
+pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Vec<AtLeast>;
 
 /// What a search for integers may use: a move that is looked at costs as much as the energy of a triangle.
 #[derive(Clone, Copy)]
@@ -149,9 +149,7 @@ impl dyn Energy + '_ {
         means: Means<'_>,
     ) -> Result<bool, Cancelled> {
         for _ in 0..=TURNS {
-            let Some(conditions) = turned(z) else {
-                return Ok(false);
-            };
+            let conditions = turned(z);
             if conditions.is_empty() {
                 return Ok(true);
             }

@@ -16,7 +16,6 @@ mod round;
 mod spread;
 mod upright;
 
-pub(super) use coarse::Coarse;
 pub(crate) use mend::Energy;
 pub(super) use mend::Means;
 pub(super) use regions::Regions;
@@ -26,6 +25,7 @@ pub(crate) use round::MOST_DENSE;
 pub(super) use round::{Quadratic, cube};
 #[cfg(feature = "testing")]
 pub(crate) use round::{inverse, rounded};
+pub(super) use spread::Decimated;
 pub(crate) use spread::Spread;
 pub(crate) use upright::AtLeast;
 pub(super) use upright::Upright;

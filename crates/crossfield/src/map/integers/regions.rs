@@ -140,5 +140,5 @@ pub(crate) fn mended(
         nearest: z.to_vec(),
     };
     let mut upright = Upright::new(triangles, relaxed);
-    energy.rounded_within(&mut upright, &|_| Some(Vec::new()), means)
+    energy.rounded_within(&mut upright, &|_| Vec::new(), means)
 }

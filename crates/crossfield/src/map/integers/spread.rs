@@ -7,27 +7,28 @@
 //! Such walks are intrinsic, like those of Sharp, Soliman and Crane (*Navigating intrinsic triangulations*, 2019),
 //! whose angles around vertices (signposts) say how a walk begins.
 
+use std::mem::take;
+use std::sync::Arc;
+
 use super::coarse::Coarse;
 use super::plane::{Link, Place, add, added, cross, inverse, minus, opening, rotated};
-use super::upright::AtLeast;
+use super::upright::{AtLeast, Upright};
+use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
+use crate::map::cut::Cut;
 use crate::map::exact::{GridMap, MapReport};
 use crate::map::net::Net;
-use crate::map::transition::Sum;
+use crate::map::transition::{Seams, Sum};
 
 type Point = [f64; 2];
 
 /// A line that meets a side at a larger angle than this, radians, does not run along it.
 const ASIDE: f64 = 1e-6;
 
-/// A decimated map with integers at its corners. Between them it is the relaxed map, stretched: each of its triangles is one
-/// of that map's plane, and a point of it is found by a straight walk from a corner. It is upright wherever the integers leave
-/// its few triangles so, whatever the triangles of the surface.
-pub(crate) struct Spread {
+/// A decimated map before it has integers: what it is with any of them.
+pub(in crate::map) struct Decimated {
     /// How its triangles are glued to each other; vertices have the numbers of the surface.
-    pub(crate) net: Net,
-    /// The integers at their corners, in fixed point.
-    pub(crate) map: GridMap,
+    net: Net,
     /// The corners as they are in the relaxed map.
     at: Vec<[Point; 3]>,
     /// The angle of each half-edge around its vertex.
@@ -37,8 +38,6 @@ pub(crate) struct Spread {
     link: Vec<Link>,
     /// Per corner, where it lies.
     exact: Vec<[Sum; 2]>,
-    /// The integers.
-    z: Vec<f64>,
     /// The relaxed map.
     /// Of the triangles of the surface.
     relaxed: Vec<[Point; 3]>,
@@ -46,23 +45,36 @@ pub(crate) struct Spread {
     turn: Vec<u8>,
 }
 
-impl Coarse {
-    /// With these integers; `relaxed` is the map that was decimated, `turn` its quarter turns. `None` if a corner is no sum of
-    /// integers.
+/// A decimated map with integers at its corners. Between them it is the relaxed map, stretched: each of its triangles is one
+/// of that map's plane, and a point of it is found by a straight walk from a corner. It is upright wherever the integers leave
+/// its few triangles so, whatever the triangles of the surface.
+pub(crate) struct Spread {
+    /// Shared by all that are tried.
+    decimated: Arc<Decimated>,
+    /// The integers at the corners of its triangles, in fixed point.
+    pub(crate) map: GridMap,
+    /// The integers.
+    z: Vec<f64>,
+}
+
+impl Decimated {
+    /// Of a relaxed map given by its corners; `None` where the map is folded, a regular vertex cannot be taken out, or a corner is
+    /// no sum of integers.
     ///
-    /// Triangles that are gone are left out, and the others numbered anew. Whether they are upright with these integers
-    /// is not checked here.
-    pub(in crate::map) fn spread(
-        &self,
-        z: &[f64],
-        bits: u32,
+    /// Triangles that are gone are left out, with all that was known of them, and the others numbered anew.
+    pub(in crate::map) fn of(
+        frames: &Frames,
+        field: &CrossField,
+        cut: &Cut,
+        seams: &Seams,
         relaxed: Vec<[Point; 3]>,
-        turn: Vec<u8>,
-        report: MapReport,
-    ) -> Option<Spread> {
+    ) -> Option<Self> {
         const NONE: u32 = u32::MAX;
-        let alive: Vec<usize> = (0..self.alive.len()).filter(|&t| self.alive[t]).collect();
-        let mut number = vec![NONE; self.alive.len()];
+        let mut coarse = Coarse::of(frames, field, cut, seams, &relaxed)?;
+        let alive: Vec<usize> = (0..coarse.alive.len())
+            .filter(|&t| coarse.alive[t])
+            .collect();
+        let mut number = vec![NONE; coarse.alive.len()];
         for (k, &t) in (0u32..).zip(&alive) {
             number[t] = k;
         }
@@ -71,58 +83,99 @@ impl Coarse {
             h => 3 * number[h as usize / 3] + h % 3,
         };
         let sides = || alive.iter().flat_map(|&t| 3 * t..3 * t + 3);
-        let value = |h: usize| -> Option<[i64; 2]> {
-            let exact = self.place[h].exact.as_ref()?;
-            let sum = |c: usize| {
-                exact[c]
-                    .iter()
-                    .map(|&(k, p)| p * z[k as usize].round() as i64)
-            };
-            Some([0, 1].map(|c| sum(c).sum::<i64>() << bits))
-        };
-        let corners = alive
-            .iter()
-            .map(|&t| Some([value(3 * t)?, value(3 * t + 1)?, value(3 * t + 2)?]));
-        Some(Spread {
+        let places: Vec<Place> = sides().map(|h| take(&mut coarse.place[h])).collect();
+        Some(Self {
             net: Net::new(
-                sides().map(|h| self.from[h]).collect(),
-                sides().map(|h| moved(self.twin[h])).collect(),
-                self.out.iter().map(|&h| moved(h)).collect(),
+                sides().map(|h| coarse.from[h]).collect(),
+                sides().map(|h| moved(coarse.twin[h])).collect(),
+                coarse.out.iter().map(|&h| moved(h)).collect(),
             ),
+            at: places
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .map(|corners| [0, 1, 2].map(|k| corners[k].at))
+                .collect(),
+            angle: sides().map(|h| coarse.angle[h]).collect(),
+            link: sides().map(|h| take(&mut coarse.link[h])).collect(),
+            exact: places
+                .into_iter()
+                .map(|place| place.exact)
+                .collect::<Option<_>>()?,
+            relaxed,
+            turn: cut.turn.clone(),
+        })
+    }
+
+    /// How many triangles are left.
+    #[cfg(feature = "testing")]
+    pub(in crate::map) fn triangles(&self) -> usize {
+        self.at.len()
+    }
+
+    /// What the integers must be for every triangle to be upright.
+    pub(in crate::map) fn upright(&self) -> Upright {
+        let sides = self.exact.as_chunks::<3>().0.iter().map(|[a, b, c]| {
+            [b, c].map(|to| {
+                let mut side = to.clone();
+                add(&mut side, a, -1);
+                side
+            })
+        });
+        let relaxed = self.at.iter().map(|&[a, b, c]| [minus(b, a), minus(c, a)]);
+        let relaxed: Vec<_> = relaxed.collect();
+        Upright::new(&sides.collect::<Vec<_>>(), &relaxed)
+    }
+
+    /// With these integers. Whether they leave its triangles upright is not checked here.
+    pub(in crate::map) fn spread(
+        self: &Arc<Self>,
+        z: &[f64],
+        bits: u32,
+        report: MapReport,
+    ) -> Spread {
+        let value = |exact: &[Sum; 2]| {
+            [0, 1].map(|c| {
+                let terms = exact[c].iter();
+                let sum = terms.map(|&(k, p)| p * z[k as usize].round() as i64);
+                sum.sum::<i64>() << bits
+            })
+        };
+        let corners = self.exact.as_chunks::<3>().0;
+        Spread {
             map: GridMap {
-                corners: corners.collect::<Option<_>>()?,
-                turn: sides().map(|h| self.link[h].turn).collect(),
+                corners: corners
+                    .iter()
+                    .map(|all| all.each_ref().map(value))
+                    .collect(),
+                turn: self.link.iter().map(|link| link.turn).collect(),
                 bits,
                 report,
             },
-            at: alive
-                .iter()
-                .map(|&t| [0, 1, 2].map(|k| self.place[3 * t + k].at))
-                .collect(),
-            angle: sides().map(|h| self.angle[h]).collect(),
-            link: sides().map(|h| self.link[h].clone()).collect(),
-            exact: sides()
-                .map(|h| self.place[h].exact.clone())
-                .collect::<Option<_>>()?,
             z: z.to_vec(),
-            relaxed,
-            turn,
-        })
+            decimated: self.clone(),
+        }
     }
 }
 
 impl Spread {
+    /// How its triangles are glued to each other.
+    pub(crate) fn net(&self) -> &Net {
+        &self.decimated.net
+    }
+
     /// That the sides out of some vertices stay within a quarter turn of where they point in the relaxed map: then upright
     /// triangles turn as far around each as they do there.
     pub(crate) fn unturned(&self, vertices: &[usize]) -> Vec<AtLeast> {
         /// Directions are rounded to so many units.
         const FINE: f64 = 4.0;
-        let halfedges = vertices.iter().flat_map(|&v| self.net.around(v));
+        let Decimated { net, at, exact, .. } = &*self.decimated;
+        let halfedges = vertices.iter().flat_map(|&v| net.around(v));
         let of = |h: usize| {
-            let [x, y] = minus(self.at[h / 3][next(h) % 3], self.at[h / 3][h % 3]);
+            let [x, y] = minus(at[h / 3][next(h) % 3], at[h / 3][h % 3]);
             let [x, y] = [x, y].map(|c| (FINE * c / x.hypot(y)).round() as i64);
-            let mut side = self.exact[next(h)].clone();
-            add(&mut side, &self.exact[h], -1);
+            let mut side = exact[next(h)].clone();
+            add(&mut side, &exact[h], -1);
             let sum = combined(&side, [x, y]);
             AtLeast { sum, bound: 1 }
         };
@@ -139,18 +192,19 @@ impl Spread {
         corner: Option<usize>,
         least: i64,
     ) -> Option<AtLeast> {
+        let Decimated { link, exact, .. } = &*self.decimated;
         let around = crossed
             .iter()
-            .fold(Link::default(), |all, &h| all.then(&self.link[h]));
+            .fold(Link::default(), |all, &h| all.then(&link[h]));
         let back = inverse(&around);
         let length = match corner {
             Some(h) => {
                 let at = Place {
-                    exact: Some(self.exact[h].clone()),
+                    exact: Some(exact[h].clone()),
                     ..Place::default()
                 };
                 let mut end = back.apply(&at).exact?;
-                add(&mut end, &self.exact[h], -1);
+                add(&mut end, &exact[h], -1);
                 end
             }
             None if back.turn == 0 => back.exact,
@@ -178,7 +232,8 @@ impl Spread {
         face: usize,
         weights: [f64; 3],
     ) -> Option<(usize, [f64; 3])> {
-        let at = &self.at[face];
+        let Decimated { net, at, angle, .. } = &*self.decimated;
+        let at = &at[face];
         let k = (0..3).fold(
             0,
             |best, k| if weights[k] > weights[best] { k } else { best },
@@ -194,14 +249,13 @@ impl Spread {
         } else {
             turn
         };
-        self.walk(
-            frames,
-            self.net.from(h),
-            self.angle[h] + turn,
-            to[0].hypot(to[1]),
-        )
+        let length = to[0].hypot(to[1]);
+        self.decimated
+            .walk(frames, net.from(h), angle[h] + turn, length)
     }
+}
 
+impl Decimated {
     /// So far straight on from a vertex; along a rim from side to side of it.
     ///
     /// At most four steps per triangle of the surface: a straight line of the map meets a triangle more than once only

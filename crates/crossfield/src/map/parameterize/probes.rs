@@ -25,9 +25,8 @@ pub(crate) fn decimated(
 ) -> Result<Option<usize>, Error> {
     alone(mesh, frames, field, options, run, |mut making| {
         let relaxed = making.relaxed()?;
-        Ok(making
-            .decimated(&relaxed.corners)
-            .map(|coarse| coarse.triangles()))
+        let decimated = making.decimated(relaxed.corners);
+        Ok(decimated.map(|decimated| decimated.triangles()))
     })
 }
 
@@ -269,13 +268,14 @@ pub(crate) fn of_integers(
         let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
         let rounded = making.system.corners(&weighted.values_for(&z)?);
         let real = &w[seams.reals..seams.unknowns()];
-        let coarse = making.decimated(&corners);
-        let judged = coarse.and_then(|coarse| making.judged(&coarse, &z, &corners));
+        let measured = energy(&rounded) - energy(&corners);
         let all: Vec<usize> = (0..frames.edges().vertices()).collect();
-        let unturned = judged.map_or(Vec::new(), |(spread, _)| spread.unturned(&all));
+        let unturned = making.decimated(corners).map_or(Vec::new(), |decimated| {
+            making.judged(&decimated, &z).0.unturned(&all)
+        });
         Ok(OfIntegers {
             by_schur: quadratic.above(&z) / charts.len() as f64,
-            measured: energy(&rounded) - energy(&corners),
+            measured,
             unturned: unturned.iter().map(|side| side.value(real)).collect(),
         })
     })

@@ -1,5 +1,8 @@
 //! The integers of an upright map, and those that hold its decimated map upright.
 
+use std::mem::take;
+use std::sync::Arc;
+
 use geom_core::Point3;
 
 use super::relaxed::Optimum;
@@ -7,7 +10,7 @@ use super::{Making, Narrow, Widening};
 use crate::Error;
 use crate::map::exact::{BITS, wrong_cones};
 use crate::map::integers::{
-    AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube,
+    AtLeast, Decimated, Energy, Means, Quadratic, Regions, Spread, Upright, cube,
 };
 use crate::map::system::{System, Weighted};
 use crate::map::transition::without_corners;
@@ -73,10 +76,7 @@ impl<'a> Making<'a> {
         // The largest thing in memory, and quickly made again for the integers that are found.
         weighted.forget_held();
         // Whether integers can hold the map upright is said by the few triangles between singular vertices.
-        let decimated = self
-            .decimated(corners)
-            .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
-        let Some((coarse, mut upright)) = decimated else {
+        let Some(decimated) = self.decimated(take(corners)) else {
             let may_pin = self.system.seams.pinned.is_empty();
             if may_pin && !without_corners(self.frames, self.field).is_empty() {
                 return Ok(None);
@@ -85,9 +85,10 @@ impl<'a> Making<'a> {
             return Ok(Some(Rounded { stage, ..direct }));
         };
         // Those at hand may do, with the reals of other places; else others are looked for.
+        let mut upright = decimated.upright();
         let mut z = rounded;
-        let turned = |z: &[f64]| self.turned(&coarse, z, corners);
-        if !upright.holds(&z) || turned(&z).is_some_and(|wrong| !wrong.is_empty()) {
+        let turned = |z: &[f64]| self.turned(&decimated, z);
+        if !upright.holds(&z) || !turned(&z).is_empty() {
             let other = energy.rounded_within(&mut upright, &turned, self.means())?;
             let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
@@ -108,8 +109,8 @@ impl<'a> Making<'a> {
             z: wider,
             mut spread,
             is_narrow,
-        } = self.widened(&coarse, upright, &z, &*energy, corners, narrow)?;
-        drop((coarse, energy));
+        } = self.widened(&decimated, upright, &z, &*energy, narrow)?;
+        drop((decimated, energy));
         self.report.respaced |= wider != z;
         if let Some(spread) = &mut spread {
             spread.map.report = self.report;
@@ -126,9 +127,9 @@ impl<'a> Making<'a> {
     }
 
     /// The triangles between singular vertices and corners, of a map without integers.
-    pub(super) fn decimated(&self, corners: &[[[f64; 2]; 3]]) -> Option<Coarse> {
+    pub(super) fn decimated(&self, corners: Vec<[[f64; 2]; 3]>) -> Option<Arc<Decimated>> {
         let System { cut, seams, .. } = self.system;
-        Coarse::of(self.frames, self.field, cut, seams, corners)
+        Decimated::of(self.frames, self.field, cut, seams, corners).map(Arc::new)
     }
 
     /// What is known of the energy over the integers alone, around its minimum: all of it by dense matrices, n² numbers and n³ operations
@@ -199,14 +200,13 @@ impl<'a> Making<'a> {
     /// Makes handles and necks wider where quads would meet themselves around them: each is a condition more on the integers.
     fn widened(
         &self,
-        coarse: &Coarse,
+        decimated: &Arc<Decimated>,
         mut upright: Upright,
         z: &[f64],
         energy: &dyn Energy,
-        corners: &[[[f64; 2]; 3]],
         narrow: Option<&dyn Fn(&Spread) -> Narrow>,
     ) -> Result<Widened, Error> {
-        let spread = |z: &[f64]| self.spread(coarse, z, corners).map(Box::new);
+        let spread = |z: &[f64]| self.spread(decimated, z).map(Box::new);
         let mut now = Widened {
             z: z.to_vec(),
             spread: spread(z),
@@ -222,7 +222,7 @@ impl<'a> Making<'a> {
                 break;
             }
             upright.add(&found.wider);
-            let turned = |z: &[f64]| self.turned(coarse, z, corners);
+            let turned = |z: &[f64]| self.turned(decimated, z);
             let Some(z) = energy.mended(&now.z, &mut upright, &turned, self.means())? else {
                 break;
             };
@@ -235,32 +235,21 @@ impl<'a> Making<'a> {
     }
 
     /// The decimated map with these integers; `None` where the angles around a vertex are wrong with them.
-    fn spread(&self, coarse: &Coarse, z: &[f64], corners: &[[[f64; 2]; 3]]) -> Option<Spread> {
-        let (spread, wrong) = self.judged(coarse, z, corners)?;
+    fn spread(&self, decimated: &Arc<Decimated>, z: &[f64]) -> Option<Spread> {
+        let (spread, wrong) = self.judged(decimated, z);
         wrong.is_empty().then_some(spread)
     }
 
     /// What would keep the triangles around vertices from turning as far as these integers turn them.
-    fn turned(
-        &self,
-        coarse: &Coarse,
-        z: &[f64],
-        corners: &[[[f64; 2]; 3]],
-    ) -> Option<Vec<AtLeast>> {
-        let (spread, wrong) = self.judged(coarse, z, corners)?;
-        Some(spread.unturned(&wrong))
+    fn turned(&self, decimated: &Arc<Decimated>, z: &[f64]) -> Vec<AtLeast> {
+        let (spread, wrong) = self.judged(decimated, z);
+        spread.unturned(&wrong)
     }
 
     /// The decimated map with these integers, and the vertices around which it turns wrong.
-    pub(super) fn judged(
-        &self,
-        coarse: &Coarse,
-        z: &[f64],
-        corners: &[[[f64; 2]; 3]],
-    ) -> Option<(Spread, Vec<usize>)> {
-        let turn = self.system.cut.turn.clone();
-        let spread = coarse.spread(z, BITS, corners.to_vec(), turn, self.report)?;
-        let wrong = wrong_cones(&spread.net, &self.field.index, &spread.map);
-        Some((spread, wrong))
+    pub(super) fn judged(&self, decimated: &Arc<Decimated>, z: &[f64]) -> (Spread, Vec<usize>) {
+        let spread = decimated.spread(z, BITS, self.report);
+        let wrong = wrong_cones(spread.net(), &self.field.index, &spread.map);
+        (spread, wrong)
     }
 }
