@@ -114,7 +114,7 @@ fn without_unused(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> TriMesh {
 }
 
 /// The triangles that are left of a map of a field when all its regular vertices are taken out, before anything is an integer;
-/// `None` if one of them cannot be.
+/// `None` if one of them cannot be, or a corner that stays is no integer.
 pub fn decimated(
     mesh: &TriMesh,
     frames: &Frames,

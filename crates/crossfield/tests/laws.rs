@@ -962,6 +962,7 @@ fn integers_know_what_the_reals_do() {
         assert!(found.measured > 1e-9, "{}", found.measured);
         let ratio = found.by_schur / found.measured;
         assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
+        assert!(found.is_that_of_a_list);
         // Sides begin at singular vertices and corners.
         let has_sides = field.index.iter().any(|&i| i != 0);
         assert_eq!(found.unturned.is_empty(), !has_sides);

@@ -571,6 +571,8 @@ fn triplets_of_many_pieces_are_added_in_their_order() {
         row.push((1, [1.0, f64::NAN][i]));
     });
     assert_eq!(flawed.unwrap_err(), Error::NotFinite { row: 1, column: 1 });
+    let wide = SparseMatrix::<f64>::from_rows(0, u32::MAX as usize, |_, _| {});
+    assert!(matches!(wide, Err(Error::TooLarge { .. })), "{wide:?}");
 
     entries[290_000].2 = f64::NAN;
     entries[150_000].0 = ROWS as u32;

@@ -77,7 +77,7 @@ pub(crate) struct Weighted<'a> {
 /// What hangs on each value: P and C by their columns.
 struct Hanging {
     /// Coordinates, as `2 · copy + component`, and how often.
-    in_rows: Lists<(u32, i32)>,
+    in_coordinates: Lists<(u32, i32)>,
     /// The same of closings.
     in_closings: Lists<(u32, i32)>,
     /// Per copy the corners that it is at, as `3 · triangle + corner`.
@@ -101,7 +101,7 @@ impl Hanging {
         };
         let corners = || cut.copy.iter().copied().zip(0..);
         Self {
-            in_rows: Lists::of(seams.values(), rows),
+            in_coordinates: Lists::of(seams.values(), rows),
             in_closings: Lists::of(seams.values(), closings),
             at_corners: Lists::of(seams.copies(), corners),
         }
@@ -122,7 +122,7 @@ impl<'a> System<'a> {
 
     /// Assembles, triangle f counting `weights[f]` times.
     ///
-    /// `Pᵀ K P` is summed row by row, each over its triangles in their order: a list of what all of them contribute would be four
+    /// `Pᵀ K P` is summed row by row, each over its triangles in their order: a list of what all of them contribute would be several
     /// times as large as the matrix.
     pub(crate) fn weighted(&self, weights: &[f64]) -> Result<Weighted<'a>, Error> {
         let values = self.seams.values();
@@ -131,7 +131,7 @@ impl<'a> System<'a> {
         let stiff = self.stiffness_of_closings(&hanging, weights);
         let closings = &self.seams.closings;
         let matrix = SparseMatrix::from_rows(values, values, |i, row| {
-            self.row(&hanging, i, weights, row);
+            self.add_row(&hanging, i, weights, row);
             for &(closing, p) in hanging.in_closings.list(i) {
                 let stiff = stiff[closing as usize];
                 let terms = closings.row(closing as usize);
@@ -148,16 +148,18 @@ impl<'a> System<'a> {
         })
     }
 
-    /// What the triangles contribute to a row of A.
+    /// Adds what the triangles contribute to row `i` of A.
     ///
     /// In a triangle u and v do not know of each other. Seams alone mix them, through P.
-    fn row(&self, hanging: &Hanging, value: usize, weights: &[f64], row: &mut Vec<(u32, f64)>) {
-        let corners = hanging.in_rows.list(value).iter().flat_map(|&(at, p)| {
+    fn add_row(&self, hanging: &Hanging, i: usize, weights: &[f64], row: &mut Vec<(u32, f64)>) {
+        let coordinates = hanging.in_coordinates.list(i).iter();
+        let corners = coordinates.flat_map(|&(at, p)| {
             let (copy, component) = (at as usize / 2, at as usize % 2);
             let corners = hanging.at_corners.list(copy).iter();
             corners.map(move |&h| (h as usize / 3, component, h as usize % 3, p))
         });
         let mut corners: Vec<(usize, usize, usize, i32)> = corners.collect();
+        // A value may be in coordinates far apart, and which integers are taken is a matter of last digits.
         corners.sort_unstable();
         for (f, component, k, p) in corners {
             let chart = &self.charts[f];
@@ -171,16 +173,14 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Adds what a triangle contributes to A, for the values that have a place: the same for a few triangles.
+    /// Adds what a triangle contributes to A, for the values that have a place: where few triangles are.
     pub(crate) fn stiffness(
         &self,
         f: usize,
-        weight: f64,
         place: impl Fn(usize) -> Option<u32>,
         entries: &mut Vec<(u32, u32, f64)>,
     ) {
         let chart = &self.charts[f];
-        let weight = weight * chart.area;
         let copies = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
         let row = |copy: u32, component: usize| {
             let terms = self.seams.row(copy, component);
@@ -188,13 +188,32 @@ impl<'a> System<'a> {
         };
         for (component, stiffness) in chart.stiffness().iter().enumerate() {
             for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
-                let value = weight * stiffness[k][l];
+                let value = chart.area * stiffness[k][l];
                 for (i, p) in row(copies[k], component) {
                     let others = row(copies[l], component);
                     entries.extend(others.map(|(j, q)| (i, j, value * p * q)));
                 }
             }
         }
+    }
+
+    /// Is the matrix, all triangles counting once, to the bit that of a list of what they contribute, one after the other?
+    #[cfg(feature = "testing")]
+    pub(crate) fn is_that_of_a_list(&self) -> Result<bool, Error> {
+        let weighted = self.weighted(&vec![1.0; self.charts.len()])?;
+        let mut entries = Vec::new();
+        for f in 0..self.charts.len() {
+            self.stiffness(f, |k| Some(k as u32), &mut entries);
+        }
+        let closings = &self.seams.closings;
+        for (row, stiff) in weighted.stiff.iter().enumerate() {
+            for (i, p) in closings.row(row) {
+                let others = closings.row(row);
+                entries.extend(others.map(|(j, q)| (i as u32, j as u32, stiff * f64::from(p * q))));
+            }
+        }
+        let values = self.seams.values();
+        Ok(SparseMatrix::from_triplets(values, values, &entries)? == weighted.matrix)
     }
 
     /// b: what the wanted Jacobians pull at.
@@ -219,7 +238,7 @@ impl<'a> System<'a> {
     fn stiffness_of_closings(&self, hanging: &Hanging, weights: &[f64]) -> Vec<f64> {
         let diagonal = parallel::map_init(self.seams.values(), Vec::new, |row, i| {
             row.clear();
-            self.row(hanging, i, weights, row);
+            self.add_row(hanging, i, weights, row);
             let own = row.iter().filter(|e| e.0 as usize == i);
             own.fold(0.0, |sum, e| sum + e.1)
         });

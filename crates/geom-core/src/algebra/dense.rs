@@ -124,8 +124,8 @@ pub(crate) fn product(a: &[Tall<'_>], c: &[f64], columns: usize) -> Vec<f64> {
     let mut out = vec![0.0; rows * columns];
     if columns > 0 {
         parallel::for_chunks(&mut out, ROWS * columns, |k, out| {
-            // Written before it is added to: a new page that is read first is mapped twice, and the second time all
-            // threads are stopped, which took longer than the product on two.
+            // Zeros from the system are pages that are mapped when they are touched. Read first, as sums are, they are
+            // mapped once more when they are written, for which all threads are stopped: longer than the product took.
             out.fill(0.0);
             add_product_part(out, columns, a, c, 1.0, k * ROWS);
         });

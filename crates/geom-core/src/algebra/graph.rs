@@ -440,7 +440,7 @@ impl Laplacian {
                 .map(|(_, w)| w)
                 .sum::<f64>();
         }
-        let matrix = SparseMatrix::from_rows(rows, rows, |i, out| {
+        let matrix = SparseMatrix::written(rows, rows, |i, out| {
             out.push((i as u32, degrees[i]));
             let others = links.row(i).filter(|&(j, w)| j != i && w != 0.0);
             out.extend(others.map(|(j, w)| (j as u32, -w)));

@@ -124,7 +124,7 @@ impl<'a> Operator<'a> {
         if self.graphs.is_empty() {
             return Ok(Cow::Borrowed(self.matrix));
         }
-        SparseMatrix::from_rows(self.rows(), self.rows(), |i, out| {
+        SparseMatrix::written(self.rows(), self.rows(), |i, out| {
             out.extend(self.row(i).map(|(j, a)| (j as u32, a)));
         })
         .map(Cow::Owned)

@@ -330,50 +330,56 @@ impl<T: Scalar> SparseMatrix<T> {
     ///
     /// ```
     /// use geom_core::algebra::SparseMatrix;
-    /// let path = SparseMatrix::from_rows(3, 3, |i, row: &mut Vec<(u32, f64)>| {
-    ///     for j in [i.wrapping_sub(1), i + 1].into_iter().filter(|&j| j < 3) {
-    ///         row.extend([(i as u32, 1.0), (j as u32, -1.0)]);
+    /// let differences = SparseMatrix::from_rows(3, 3, |i, row| {
+    ///     row.push((i as u32, 1.0));
+    ///     if i > 0 {
+    ///         row.push((i as u32 - 1, -1.0));
     ///     }
     /// })?;
-    /// assert_eq!(path.multiply(&[1.0, 2.0, 4.0], 1), [-1.0, -1.0, 2.0]);
+    /// assert_eq!(differences.multiply(&[1.0, 2.0, 4.0], 1), [1.0, 1.0, 2.0]);
     /// # Ok::<(), geom_core::algebra::Error>(())
     /// ```
     ///
     /// # Errors
-    /// [`Error::TooLarge`]; then, of the first row at fault, [`Error::OutOfRange`] or [`Error::NotFinite`].
+    /// [`Error::TooLarge`]; then, of the lowest row at fault, [`Error::OutOfRange`] or [`Error::NotFinite`], of a sum too.
     pub fn from_rows(
         rows: usize,
         columns: usize,
         row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
     ) -> Result<Self, Error> {
-        let matrix = Self::from_blocks(rows, columns, |_, own, out| {
+        check_size(rows.max(columns), 0)?;
+        let matrix = Self::written(rows, columns, row)?;
+        let fault = |row: usize| {
+            matrix.row(row).find_map(|(column, value)| {
+                if column >= columns {
+                    return Some(Error::OutOfRange {
+                        row,
+                        column,
+                        rows,
+                        columns,
+                    });
+                }
+                (!value.finite()).then_some(Error::NotFinite { row, column })
+            })
+        };
+        match parallel::first(rows, |row| fault(row).is_some()).and_then(fault) {
+            Some(error) => Err(error),
+            None => Ok(matrix),
+        }
+    }
+
+    /// The same, columns and values not looked at.
+    pub(super) fn written(
+        rows: usize,
+        columns: usize,
+        row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
+    ) -> Result<Self, Error> {
+        Self::from_blocks(rows, columns, |_, own, out| {
             let mut entries: Vec<(u32, T)> = Vec::new();
             for i in own {
                 entries.clear();
                 row(i, &mut entries);
                 out.push(&mut entries);
-            }
-        })?;
-        let is_bad = |row| {
-            let mut entries = matrix.row(row);
-            entries.any(|(column, value)| column >= columns || !value.finite())
-        };
-        let Some(row) = parallel::first(rows, is_bad) else {
-            return Ok(matrix);
-        };
-        let mut entries = matrix.row(row).map(|e| e.0);
-        Err(match entries.find(|&column| column >= columns) {
-            Some(column) => Error::OutOfRange {
-                row,
-                column,
-                rows,
-                columns,
-            },
-            None => {
-                let mut entries = matrix.row(row);
-                let bad = entries.find(|e| !e.1.finite());
-                let column = bad.map_or(0, |e| e.0);
-                Error::NotFinite { row, column }
             }
         })
     }
@@ -578,7 +584,7 @@ impl<T: Scalar> SparseMatrix<T> {
                 expected,
             });
         }
-        Self::from_rows(self.rows(), self.columns, |i, out| {
+        Self::written(self.rows(), self.columns, |i, out| {
             out.extend(self.row(i).map(|(j, a)| (j as u32, a)));
             out.extend(other.row(i).map(|(j, b)| (j as u32, b * s)));
         })
@@ -590,7 +596,7 @@ impl<T: Scalar> SparseMatrix<T> {
         for (i, &row) in rows.iter().enumerate() {
             new[row as usize] = i as u32;
         }
-        Self::from_rows(rows.len(), rows.len(), |i, out| {
+        Self::written(rows.len(), rows.len(), |i, out| {
             out.extend(
                 self.row(rows[i] as usize)
                     .filter(|&(j, _)| new[j] != u32::MAX)

@@ -32,6 +32,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::integers_know_what_the_reals_do"),
     Fault::wrong(
+        "a row of the matrix is summed in the order of its coordinates",
+        "crates/crossfield/src/map/system.rs",
+        "        corners.sort_unstable();\n        for (f",
+        "        for (f",
+    )
+    .seen_by("laws::integers_know_what_the_reals_do"),
+    Fault::wrong(
         "of the closings that a value is in the first alone counts",
         "crates/crossfield/src/map/system.rs",
         "in hanging.in_closings.list(i) {",

@@ -18,7 +18,7 @@ use crate::map::cut::Cut;
 use crate::map::transition::{Seams, Sum};
 
 /// No half-edge: beyond a boundary, or out of a vertex that is gone.
-const NONE: u32 = u32::MAX;
+pub(super) const NONE: u32 = u32::MAX;
 /// Most half-edges around a vertex.
 const MOST_AROUND: usize = 256;
 /// Vertices of no more go first: what is left of a plane then has few around each, too.
@@ -266,7 +266,7 @@ impl Coarse {
     }
 
     /// The coordinates of a singular vertex or corner are integers of the map.
-    /// Where one of them is real all the same, the place stays inexact, and the decimated map can make no conditions.
+    /// Where one of them is real all the same, the place stays inexact, and there is no decimated map.
     fn make_exact(&mut self, frames: &Frames, cut: &Cut, seams: &Seams, v: usize) {
         for h in frames.around(v) {
             let real = [0, 1]

@@ -22,7 +22,7 @@ const BREAKOUTS: usize = 60;
 /// How often triangles that have turned around vertices are turned back.
 const TURNS: usize = 4;
 
-/// What would keep upright triangles from turning too far around vertices; nothing where none do, `None` if that is not known.
+/// What would keep upright triangles from turning too far around vertices; nothing where none do.
 pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Vec<AtLeast>;
 
 /// What a search for integers may use: a move that is looked at costs as much as the energy of a triangle.

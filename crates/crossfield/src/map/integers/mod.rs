@@ -2,7 +2,7 @@
 //!
 //! The energy over the integers alone is [`Quadratic`] (`round`), which rounds them; [`Regions`] does so where they are too many for
 //! its matrices. Where rounding lays singular vertices onto each other, `coarse` decimates the relaxed map to triangles between
-//! them, `upright` is what these demand of the integers, `mend` moves them until it holds, several together (`joint`) if need be, and `spread` lays such a
+//! them, `upright` is what these demand of the integers, `mend` moves them until it holds, several together (`joint`) if need be, and `spread` keeps what is left and lays such a
 //! decimated map on the surface. `plane` has what two of them need: places and transitions with exact parts; `dense` is the linear
 //! algebra of rounding.
 

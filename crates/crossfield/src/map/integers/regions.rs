@@ -96,7 +96,7 @@ impl Energy for Regions {
     }
 
     fn cost<'a>(&'a self, z: &[f64], _: i32, upright: &'a Upright) -> Box<dyn Cost + 'a> {
-        Box::new(Decimated {
+        Box::new(Strain {
             upright,
             coupled: vec![OnceCell::new(); z.len()],
         })
@@ -104,12 +104,12 @@ impl Energy for Regions {
 }
 
 /// What moves cost, by the triangles of the decimated map.
-struct Decimated<'a> {
+struct Strain<'a> {
     upright: &'a Upright,
     coupled: Vec<OnceCell<Vec<usize>>>,
 }
 
-impl Cost for Decimated<'_> {
+impl Cost for Strain<'_> {
     fn of(&self, pair: &Pair, sides: &[Sides]) -> f64 {
         self.upright.strain(pair, sides)
     }

@@ -1,4 +1,4 @@
-//! The integers of a decimated map, laid on the surface by straight lines of the relaxed map.
+//! What is left of a decimated map, and its integers, laid on the surface by straight lines of the relaxed map.
 //!
 //! The integers say where the corners of the decimated triangles are on the grid. Where each point of such a triangle
 //! is on the surface, they do not say; but every decimated triangle is a straight one in the plane of the relaxed map,
@@ -10,7 +10,7 @@
 use std::mem::take;
 use std::sync::Arc;
 
-use super::coarse::Coarse;
+use super::coarse::{Coarse, NONE};
 use super::plane::{Link, Place, add, added, cross, inverse, minus, opening, rotated};
 use super::upright::{AtLeast, Upright};
 use crate::field::CrossField;
@@ -25,7 +25,7 @@ type Point = [f64; 2];
 /// A line that meets a side at a larger angle than this, radians, does not run along it.
 const ASIDE: f64 = 1e-6;
 
-/// A decimated map before it has integers: what it is with any of them.
+/// A decimated map without integers: what all choices of these share.
 pub(in crate::map) struct Decimated {
     /// How its triangles are glued to each other; vertices have the numbers of the surface.
     net: Net,
@@ -69,7 +69,6 @@ impl Decimated {
         seams: &Seams,
         relaxed: Vec<[Point; 3]>,
     ) -> Option<Self> {
-        const NONE: u32 = u32::MAX;
         let mut coarse = Coarse::of(frames, field, cut, seams, &relaxed)?;
         let alive: Vec<usize> = (0..coarse.alive.len())
             .filter(|&t| coarse.alive[t])
@@ -94,7 +93,7 @@ impl Decimated {
                 .as_chunks::<3>()
                 .0
                 .iter()
-                .map(|corners| [0, 1, 2].map(|k| corners[k].at))
+                .map(|corners| corners.each_ref().map(|place| place.at))
                 .collect(),
             angle: sides().map(|h| coarse.angle[h]).collect(),
             link: sides().map(|h| take(&mut coarse.link[h])).collect(),
@@ -125,6 +124,24 @@ impl Decimated {
         let relaxed = self.at.iter().map(|&[a, b, c]| [minus(b, a), minus(c, a)]);
         let relaxed: Vec<_> = relaxed.collect();
         Upright::new(&sides.collect::<Vec<_>>(), &relaxed)
+    }
+
+    /// That the sides out of some vertices stay within a quarter turn of where they point in the relaxed map: then upright
+    /// triangles turn as far around each as they do there.
+    pub(crate) fn unturned(&self, vertices: &[usize]) -> Vec<AtLeast> {
+        /// Directions are rounded to so many units.
+        const FINE: f64 = 4.0;
+        let Self { net, at, exact, .. } = self;
+        let halfedges = vertices.iter().flat_map(|&v| net.around(v));
+        let of = |h: usize| {
+            let [x, y] = minus(at[h / 3][next(h) % 3], at[h / 3][h % 3]);
+            let [x, y] = [x, y].map(|c| (FINE * c / x.hypot(y)).round() as i64);
+            let mut side = exact[next(h)].clone();
+            add(&mut side, &exact[h], -1);
+            let sum = combined(&side, [x, y]);
+            AtLeast { sum, bound: 1 }
+        };
+        halfedges.map(of).collect()
     }
 
     /// With these integers. Whether they leave its triangles upright is not checked here.
@@ -162,24 +179,6 @@ impl Spread {
     /// How its triangles are glued to each other.
     pub(crate) fn net(&self) -> &Net {
         &self.decimated.net
-    }
-
-    /// That the sides out of some vertices stay within a quarter turn of where they point in the relaxed map: then upright
-    /// triangles turn as far around each as they do there.
-    pub(crate) fn unturned(&self, vertices: &[usize]) -> Vec<AtLeast> {
-        /// Directions are rounded to so many units.
-        const FINE: f64 = 4.0;
-        let Decimated { net, at, exact, .. } = &*self.decimated;
-        let halfedges = vertices.iter().flat_map(|&v| net.around(v));
-        let of = |h: usize| {
-            let [x, y] = minus(at[h / 3][next(h) % 3], at[h / 3][h % 3]);
-            let [x, y] = [x, y].map(|c| (FINE * c / x.hypot(y)).round() as i64);
-            let mut side = exact[next(h)].clone();
-            add(&mut side, &exact[h], -1);
-            let sum = combined(&side, [x, y]);
-            AtLeast { sum, bound: 1 }
-        };
-        halfedges.map(of).collect()
     }
 
     /// That a closed path be at least so many lines long, the more of both coordinates together than now.

@@ -15,7 +15,7 @@ use crate::map::system::System;
 use crate::map::unfold::{Effort, Ends, Unfolding, monotone};
 
 /// The triangles that are left of a map without integers when all its regular vertices are taken out; `None` if one of them
-/// cannot be.
+/// cannot be, or a corner that stays is no integer.
 pub(crate) fn decimated(
     mesh: &TriMesh,
     frames: &Frames,
@@ -246,6 +246,8 @@ pub struct OfIntegers {
     pub measured: f64,
     /// What would keep the sides of the decimated map from turning: their sums at the real minimum, where none has turned.
     pub unturned: Vec<f64>,
+    /// Is the matrix to the bit that of a list of what the triangles contribute?
+    pub is_that_of_a_list: bool,
 }
 
 /// See [`OfIntegers`]; of a map that does not fold.
@@ -270,12 +272,12 @@ pub(crate) fn of_integers(
         let real = &w[seams.reals..seams.unknowns()];
         let measured = energy(&rounded) - energy(&corners);
         let all: Vec<usize> = (0..frames.edges().vertices()).collect();
-        let unturned = making.decimated(corners).map_or(Vec::new(), |decimated| {
-            making.judged(&decimated, &z).0.unturned(&all)
-        });
+        let decimated = making.decimated(corners);
+        let unturned = decimated.map_or(Vec::new(), |decimated| decimated.unturned(&all));
         Ok(OfIntegers {
             by_schur: quadratic.above(&z) / charts.len() as f64,
             measured,
+            is_that_of_a_list: making.system.is_that_of_a_list()?,
             unturned: unturned.iter().map(|side| side.value(real)).collect(),
         })
     })

@@ -51,7 +51,8 @@ impl<'a> Making<'a> {
     /// Three outcomes: the rounded integers, where nothing folds, or the decimated map is upright with them, or there is no
     /// decimated map to judge them by; those found under the conditions of the decimated map; and an error, if there are
     /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for. `None` where
-    /// the map cannot be decimated since a boundary has no corner, which pinning a vertex there mends.
+    /// the map cannot be decimated since a boundary has no corner, which pinning a vertex there mends. The corners of the best map
+    /// are taken where it is decimated.
     pub(super) fn quantized(
         &mut self,
         relaxed: &mut Optimum<'a>,
@@ -242,8 +243,7 @@ impl<'a> Making<'a> {
 
     /// What would keep the triangles around vertices from turning as far as these integers turn them.
     fn turned(&self, decimated: &Arc<Decimated>, z: &[f64]) -> Vec<AtLeast> {
-        let (spread, wrong) = self.judged(decimated, z);
-        spread.unturned(&wrong)
+        decimated.unturned(&self.judged(decimated, z).1)
     }
 
     /// The decimated map with these integers, and the vertices around which it turns wrong.

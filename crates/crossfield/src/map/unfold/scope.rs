@@ -137,7 +137,7 @@ impl Scope {
         let places = self.places(system.seams.values());
         let mut entries = Vec::new();
         for &f in &self.faces {
-            system.stiffness(f, 1.0, |k| places[k], &mut entries);
+            system.stiffness(f, |k| places[k], &mut entries);
         }
         let matrix = SparseMatrix::from_triplets(count, count, &entries)?;
         Ok(Some(Symbolic::of(&matrix)?.factor(&matrix)?))

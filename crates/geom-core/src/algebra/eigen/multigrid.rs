@@ -195,18 +195,18 @@ impl<'a> Multigrid<'a> {
                 break;
             }
             let radius = spectral_radius(current, &diagonal);
-            let prolong = SparseMatrix::from_rows(n, count, |i, out| {
+            let prolong = SparseMatrix::written(n, count, |i, out| {
                 out.push((aggregate[i], 1.0));
                 let omega = 4.0 / 3.0 / radius / diagonal[i];
                 out.extend(current.row(i).map(|(j, a)| (aggregate[j], -omega * a)));
             })?;
             let restrict = prolong.transposed();
-            let image = SparseMatrix::from_rows(n, count, |i, out| {
+            let image = SparseMatrix::written(n, count, |i, out| {
                 for (j, a) in current.row(i) {
                     out.extend(prolong.row(j).map(|(c, p)| (c as u32, a * p)));
                 }
             })?;
-            let next = SparseMatrix::from_rows(count, count, |c, out| {
+            let next = SparseMatrix::written(count, count, |c, out| {
                 for (i, p) in restrict.row(c) {
                     out.extend(image.row(i).map(|(d, a)| (d as u32, p * a)));
                 }
@@ -440,7 +440,7 @@ fn inverse(operator: Operator<'_>) -> Result<CompressedRows, Error> {
         }
     }
     let inverse = dense::product(&[dense::Tall::of(&scaled, n)], &transposed, n);
-    let rows = SparseMatrix::from_rows(n, n, |i, out| {
+    let rows = SparseMatrix::written(n, n, |i, out| {
         out.extend((0..n).map(|j| (j as u32, inverse[i * n + j])));
     })?;
     Ok(CompressedRows::of(&rows))
