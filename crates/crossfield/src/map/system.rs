@@ -87,12 +87,7 @@ struct Hanging {
 impl Hanging {
     fn of(system: &System<'_>) -> Self {
         let (seams, cut) = (system.seams, system.cut);
-        let rows = || {
-            (0..2 * seams.copies() as u32).flat_map(|at| {
-                let row = seams.row(at / 2, at as usize % 2);
-                row.map(move |(k, p)| (k as u32, (at, p)))
-            })
-        };
+        let copies = 0..seams.copies() as u32;
         let closings = || {
             (0..seams.closings.len()).flat_map(|closing| {
                 let row = seams.closings.row(closing);
@@ -101,7 +96,7 @@ impl Hanging {
         };
         let corners = || cut.copy.iter().copied().zip(0..);
         Self {
-            in_coordinates: Lists::of(seams.values(), rows),
+            in_coordinates: seams.by_value(copies, |k| Some(k as u32), seams.values()),
             in_closings: Lists::of(seams.values(), closings),
             at_corners: Lists::of(seams.copies(), corners),
         }

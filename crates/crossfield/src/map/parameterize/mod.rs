@@ -123,9 +123,9 @@ pub(crate) enum Laid {
     /// A map that is upright in every triangle.
     Whole(GridMap),
     /// One that is so as a decimated map only, and what is wrong in the triangles of the surface.
-    Decimated(Box<Spread>, Error),
+    Decimated(Spread, Error),
     /// A decimated map that is of no use.
-    Vain(Box<Spread>),
+    Vain(Spread),
 }
 
 /// The same for not more than so much work, with handles and necks made wider as far as that can be, if asked for. A decimated

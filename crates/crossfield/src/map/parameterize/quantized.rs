@@ -25,7 +25,7 @@ pub(super) struct Rounded {
     /// What to say if the map folds.
     pub(super) stage: &'static str,
     /// The decimated map with them, where one was needed and turns right around all vertices.
-    pub(super) spread: Option<Box<Spread>>,
+    pub(super) spread: Option<Spread>,
     /// Are its quads no mesh?
     pub(super) is_narrow: bool,
 }
@@ -33,7 +33,7 @@ pub(super) struct Rounded {
 /// Integers that make handles and necks wider.
 struct Widened {
     z: Vec<f64>,
-    spread: Option<Box<Spread>>,
+    spread: Option<Spread>,
     is_narrow: bool,
 }
 
@@ -207,10 +207,9 @@ impl<'a> Making<'a> {
         energy: &dyn Energy,
         narrow: Option<&dyn Fn(&Spread) -> Narrow>,
     ) -> Result<Widened, Error> {
-        let spread = |z: &[f64]| self.spread(decimated, z).map(Box::new);
         let mut now = Widened {
             z: z.to_vec(),
-            spread: spread(z),
+            spread: self.spread(decimated, z),
             is_narrow: false,
         };
         for round in 0..=WIDENINGS {
@@ -227,7 +226,7 @@ impl<'a> Making<'a> {
             let Some(z) = energy.mended(&now.z, &mut upright, &turned, self.means())? else {
                 break;
             };
-            let Some(wider) = spread(&z) else {
+            let Some(wider) = self.spread(decimated, &z) else {
                 break;
             };
             (now.z, now.spread) = (z, Some(wider));

@@ -17,6 +17,7 @@ mod basis;
 use std::collections::BTreeMap;
 
 use geom_core::VertexId;
+use geom_core::compute::lists::Lists;
 
 use self::basis::followers;
 use super::cut::Cut;
@@ -148,6 +149,26 @@ impl Seams {
         component: usize,
     ) -> impl Iterator<Item = (usize, i32)> + '_ {
         self.rows.row(2 * copy as usize + component)
+    }
+
+    /// Per value that has a place, of so many, which coordinates of these copies hang on it, as `2 · number of the copy + component`,
+    /// and how often.
+    pub(crate) fn by_value(
+        &self,
+        copies: impl Iterator<Item = u32> + Clone,
+        place: impl Fn(usize) -> Option<u32>,
+        places: usize,
+    ) -> Lists<(u32, i32)> {
+        let place = &place;
+        Lists::of(places, || {
+            let coordinates = (0u32..).zip(copies.clone());
+            let coordinates =
+                coordinates.flat_map(|(at, copy)| [(2 * at, copy, 0), (2 * at + 1, copy, 1)]);
+            coordinates.flat_map(move |(coordinate, copy, component)| {
+                let row = self.row(copy, component);
+                row.filter_map(move |(k, p)| Some((place(k)?, (coordinate, p))))
+            })
+        })
     }
 
     /// The coordinates of a copy, for these values.

@@ -76,17 +76,7 @@ impl<'a> Energy<'a> {
             true => values,
             false => scope.unknowns.len(),
         };
-        let coordinates = || {
-            let copies = (0u32..).zip(&scope.copies);
-            copies.flat_map(|(at, &copy)| [(2 * at, copy, 0), (2 * at + 1, copy, 1)])
-        };
-        let rows = || {
-            coordinates().flat_map(|(coordinate, copy, component)| {
-                let place = &place;
-                let row = system.seams.row(copy, component);
-                row.filter_map(move |(k, p)| Some((place[k]?, (coordinate, p))))
-            })
-        };
+        let copies = scope.copies.iter().copied();
         Self {
             system,
             scope,
@@ -100,7 +90,7 @@ impl<'a> Energy<'a> {
             out: Vec::new(),
             slopes: vec![[0.0; 2]; scope.copies.len()],
             at_corners: Lists::of(scope.copies.len(), corners),
-            in_rows: Lists::of(moved, rows),
+            in_rows: system.seams.by_value(copies, |k| place[k], moved),
         }
     }
 
