@@ -3,7 +3,9 @@
 use geom_core::mesh::shapes;
 use geom_core::search::bvh::{TreeError, TriangleTree, closest_in_triangle};
 use geom_core::search::nearest::{NearestError, PointTree};
-use geom_core::surface::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
+use geom_core::surface::distance::{
+    Dijkstra, DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths,
+};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
 use proptest::prelude::*;
@@ -109,10 +111,23 @@ proptest! {
         links in prop::collection::vec((0..40u32, 0..40u32, 0..20u8), 0..120),
         sources in prop::collection::vec((0..40u32, 0..10u8), 0..4),
         reach in prop_oneof![Just(f64::INFINITY), (0..40u8).prop_map(f64::from)],
+        before in (0..40u32, 0..20u8),
     ) {
         let links: Vec<_> = links.iter().map(|&(a, b, l)| (a, b, f64::from(l) / 2.0)).collect();
         let sources: Vec<_> = sources.iter().map(|&(v, d)| (v, f64::from(d))).collect();
-        let paths = shortest_paths(&Graph::new(40, &links).unwrap(), &sources, reach).unwrap();
+        let graph = Graph::new(40, &links).unwrap();
+        let paths = shortest_paths(&graph, &sources, reach).unwrap();
+        // What was found before, as far as it got, is forgotten.
+        let mut search = Dijkstra::new(&graph);
+        search.from(&[(before.0, 0.0)], f64::from(before.1)).unwrap();
+        prop_assert!(search.from(&[(40, 0.0)], reach).is_err());
+        let (again, reached) = search.from(&sources, reach).unwrap();
+        prop_assert_eq!(again, &paths);
+        let mut reached = reached.to_vec();
+        reached.sort_unstable();
+        let all = 0..40u32;
+        let finite = all.filter(|&v| paths.distance[v as usize].is_finite());
+        prop_assert_eq!(reached, finite.collect::<Vec<_>>());
         let mut brute = vec![f64::INFINITY; 40];
         for &(v, d) in &sources {
             brute[v as usize] = brute[v as usize].min(d);

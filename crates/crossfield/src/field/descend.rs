@@ -26,7 +26,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use geom_core::TriMesh;
 use geom_core::compute::parallel;
-use geom_core::surface::distance::{Graph, shortest_paths};
+use geom_core::surface::distance::{Dijkstra, Graph, shortest_paths};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
@@ -466,28 +466,26 @@ impl<'a> Descent<'a> {
             0.0 => f64::INFINITY,
             apart => FARTHEST * apart,
         };
-        let positive: Vec<u32> = positive.into_iter().map(|p| p.0).collect();
         let negative: Vec<u32> = signed(-1).collect();
-        let of_each: Vec<Result<_, Error>> = parallel::map(negative.len(), |k| {
-            let v = negative[k];
-            let reach = (REACH * nearest[v as usize]).min(farthest);
-            if !reach.is_finite() {
-                return Ok(Vec::new());
-            }
-            let paths = shortest_paths(&graph, &[(v, 0.0)], reach)?;
-            let mut partners: Vec<(f64, u32)> = positive
-                .iter()
-                .map(|&u| (paths.distance[u as usize], u))
-                .filter(|p| p.0.is_finite())
-                .collect();
-            partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            partners.truncate(PARTNERS);
-            let changes = partners.into_iter().filter_map(|(distance, u)| {
-                let change = self.along(&paths.to(u))?;
-                Some((distance, change))
+        let init = || Dijkstra::new(&graph);
+        let of_each: Vec<Result<_, Error>> =
+            parallel::map_each_init(&negative, init, |search, &v| {
+                let reach = (REACH * nearest[v as usize]).min(farthest);
+                if !reach.is_finite() {
+                    return Ok(Vec::new());
+                }
+                let (paths, reached) = search.from(&[(v, 0.0)], reach)?;
+                let positive = reached.iter().filter(|&&u| self.index[u as usize] > 0);
+                let mut partners: Vec<(f64, u32)> =
+                    positive.map(|&u| (paths.distance[u as usize], u)).collect();
+                partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                partners.truncate(PARTNERS);
+                let changes = partners.into_iter().filter_map(|(distance, u)| {
+                    let change = self.along(&paths.to(u))?;
+                    Some((distance, change))
+                });
+                Ok(changes.collect())
             });
-            Ok(changes.collect())
-        });
         let of_each: Result<Vec<Vec<(f64, Change)>>, Error> = of_each.into_iter().collect();
         Ok(of_each?.concat())
     }
@@ -566,10 +564,10 @@ impl<'a> Descent<'a> {
                 break;
             }
             done += pairs.len();
-            let ways = parallel::map(pairs.len(), |k| {
-                let (a, b) = pairs[k];
-                let mut ways = self.ways_out(&graph, a, b, apart)?;
-                ways.extend(self.ways_out(&graph, b, a, apart)?);
+            let init = || [Dijkstra::new(&graph), Dijkstra::new(&graph)];
+            let ways = parallel::map_each_init(&pairs, init, |searches, &(a, b)| {
+                let mut ways = self.ways_out(searches, a, b, apart)?;
+                ways.extend(self.ways_out(searches, b, a, apart)?);
                 Ok(ways)
             });
             let ways: Vec<Vec<Change>> = ways.into_iter().collect::<Result<_, Error>>()?;
@@ -633,7 +631,7 @@ impl<'a> Descent<'a> {
     /// vary slowly along the ring, and each way costs a solve.
     fn ways_out(
         &self,
-        graph: &Graph,
+        [from_it, from_others]: &mut [Dijkstra<'_>; 2],
         v: u32,
         other: u32,
         apart: f64,
@@ -642,19 +640,21 @@ impl<'a> Descent<'a> {
         const RING: [f64; 2] = [1.05, 1.5];
         let reach = RING[1] * apart;
         // Those that are farther from the vertex are near to no target.
-        let paths = shortest_paths(graph, &[(v, 0.0)], 2.0 * reach)?;
-        let others: Vec<(u32, f64)> = self
-            .singular()
-            .filter(|&u| u != v && paths.distance[u as usize].is_finite())
+        let (paths, near) = from_it.from(&[(v, 0.0)], 2.0 * reach)?;
+        let near = near.iter().copied();
+        let others: Vec<(u32, f64)> = near
+            .clone()
+            .filter(|&u| u != v && self.index[u as usize] != 0)
             .map(|u| (u, 0.0))
             .collect();
-        let free = shortest_paths(graph, &others, reach)?.distance;
-        let ring: Vec<u32> = (0..self.index.len() as u32)
+        let free = &from_others.from(&others, reach)?.0.distance;
+        let mut ring: Vec<u32> = near
             .filter(|&u| {
                 let (far, own) = (free[u as usize], paths.distance[u as usize]);
                 own <= reach && far >= apart && own >= RING[0] * apart
             })
             .collect();
+        ring.sort_unstable();
         let every = ring.len().div_ceil(TARGETS).max(1);
         let sign = self.index[v as usize].signum();
         let meets = self.index[other as usize].signum() == -sign;

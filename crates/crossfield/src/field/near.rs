@@ -5,7 +5,7 @@
 //! far as `apart`. And changes of period jumps that are so far from each other that they can be made together.
 
 use geom_core::compute::parallel;
-use geom_core::surface::distance::{Graph, shortest_paths};
+use geom_core::surface::distance::{Dijkstra, Graph};
 
 use super::frames::{Frames, previous};
 use crate::Error;
@@ -35,13 +35,13 @@ impl Near {
             .copied()
             .filter(|v| self.of.binary_search(v).is_err())
             .collect();
-        let found: Vec<Result<_, Error>> = parallel::map(new.len(), |k| {
-            let v = new[k];
-            let from = shortest_paths(graph, &[(v, 0.0)], apart)?.distance;
+        let init = || Dijkstra::new(graph);
+        let found: Vec<Result<_, Error>> = parallel::map_each_init(&new, init, |search, &v| {
+            let (paths, reached) = search.from(&[(v, 0.0)], apart)?;
+            let near = reached.iter().filter(|&&u| is_singular(u) && u != v);
             // Of two new ones each pair once.
-            let others = singular.iter().filter(|&&u| u != v);
-            let others = others.filter(|&u| *u > v || new.binary_search(u).is_err());
-            let pairs = others.map(|&u| (from[u as usize], u.min(v), u.max(v)));
+            let others = near.filter(|&u| *u > v || new.binary_search(u).is_err());
+            let pairs = others.map(|&u| (paths.distance[u as usize], u.min(v), u.max(v)));
             Ok(pairs.filter(|pair| pair.0 < apart).collect::<Vec<_>>())
         });
         for pairs in found {

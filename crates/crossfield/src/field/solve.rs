@@ -161,22 +161,26 @@ fn carried(
         // The flow has made a triangle flat.
         return Ok(None);
     };
-    let solved = on_one_surface(smooth, &smooth_frames, guides, options, report.clone(), run)?;
-    let mut jump = solved.jump.clone();
+    let mut turns = vec![0; frames.edges().len()];
     for (h, t) in frames.interior() {
-        let turns = (smooth_frames.transport(h) - frames.transport(h)) / std::f64::consts::TAU;
-        jump[h] += 4 * turns.round() as i32;
-        jump[t] = -jump[h];
+        let by = (smooth_frames.transport(h) - frames.transport(h)) / std::f64::consts::TAU;
+        turns[h] = 4 * by.round() as i32;
+        turns[t] = -turns[h];
     }
-    let inside = |v: &usize| {
-        frames.edges().out(geom_core::VertexId(*v as u32)).is_some() && !frames.on_boundary(*v)
+    // An index is a number of the frames less the jumps around: what those of any field come to is known before it is.
+    let none = vec![0; turns.len()];
+    let kept = |v: usize| {
+        let id = geom_core::VertexId(v as u32);
+        frames.edges().out(id).is_none()
+            || frames.on_boundary(v)
+            || singularity::interior_index(frames, &turns, v)
+                == singularity::interior_index(&smooth_frames, &none, v)
     };
-    let kept = (0..frames.edges().vertices())
-        .filter(inside)
-        .all(|v| singularity::interior_index(frames, &jump, v) == solved.index[v]);
-    if !kept {
+    if !(0..frames.edges().vertices()).all(kept) {
         return Ok(None);
     }
+    let solved = on_one_surface(smooth, &smooth_frames, guides, options, report.clone(), run)?;
+    let jump: Vec<i32> = solved.jump.iter().zip(&turns).map(|(p, t)| p + t).collect();
     let parallel = Parallel::new(frames, guides)?;
     let mut theta = solved.theta;
     parallel.angles(&jump, &mut theta)?;

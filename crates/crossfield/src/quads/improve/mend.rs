@@ -26,10 +26,13 @@ const FINE: f64 = 0.5;
 const GAIN: f64 = 0.02;
 /// Rings of quads around the worst one that may change, and if nothing helps there.
 const RINGS: [usize; 2] = [3, 5];
-/// Operations at most.
+/// Operations at most, of a mesh that is not large.
 const MOST: usize = 32;
-/// It is given up after so many places where no operation helps.
+/// It is given up after so many places where no operation helps, likewise.
 const STUCK: usize = 4;
+/// From so many quads on a mesh is large, and both grow with it: it has more such places, and a map anew, which the quads that
+/// stay bad would ask for, takes as long as hundreds of operations.
+const LARGE: usize = 16_000;
 /// With more bad quads than these and one in a hundred the map is to blame, and single operations change nothing.
 const FEW: usize = 8;
 /// Operations that make the vertices of a patch less regular by more than this are not tried.
@@ -95,12 +98,18 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
     // Quads at places where nothing helps, and how many places these are.
     let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
     let (mut places, mut deeper, mut changed) = (0, DEEPER, false);
-    for step in 0..MOST {
-        let jacobians = flow.values(Quads::jacobian);
+    let quads = flow.elements.quads.len().max(LARGE);
+    let [most, enough] = [MOST, STUCK].map(|limit| limit * quads / LARGE);
+    let mut jacobians = flow.values(Quads::jacobian);
+    for step in 0..most {
+        debug_assert!(
+            jacobians == flow.values(Quads::jacobian),
+            "others have moved"
+        );
         let mut bad: Vec<usize> = (0..jacobians.len())
             .filter(|&q| jacobians[q] < LEAST)
             .collect();
-        if bad.len() > FEW + jacobians.len() / 100 || places == STUCK {
+        if bad.len() > FEW + jacobians.len() / 100 || places == enough {
             break;
         }
         bad.retain(|&q| !stuck.contains(&flow.elements.quads[q]));
@@ -108,10 +117,10 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
         let Some(worst) = worst.min_by(|&a, &b| jacobians[a].total_cmp(&jacobians[b])) else {
             break;
         };
-        flow.run.progress("other quads", step as u64, MOST as u64)?;
+        flow.run.progress("other quads", step as u64, most as u64)?;
         match Place::mended(&flow, worst, &mut deeper)? {
             Some((place, tried)) => {
-                place.put(tried, &mut flow);
+                place.put(tried, &mut flow, &mut jacobians);
                 changed = true;
             }
             None => {
@@ -327,20 +336,34 @@ impl Place {
         mesh.is_ok_and(|mesh| Halfedges::of_quads(&mesh).is_ok())
     }
 
-    fn put(&self, tried: Tried, flow: &mut Flow<'_>) {
+    /// Puts a patch in place of this, whose quads follow those that are kept; what is measured of each follows, too. Nothing
+    /// around it moves.
+    fn put(&self, tried: Tried, flow: &mut Flow<'_>, jacobians: &mut Vec<f64>) {
         let quads = self.quads_with(&tried.patch, flow);
+        let vertices = &mut flow.vertices;
+        let mut moved = Vec::new();
         for (v, &p) in tried.patch.positions.iter().enumerate() {
             match self.vertices.get(v) {
-                Some(&v) => flow.vertices.positions[v as usize] = p,
+                Some(&v) if vertices.positions[v as usize] != p => {
+                    vertices.positions[v as usize] = p;
+                    moved.push(v);
+                }
+                Some(_) => {}
                 None => {
-                    flow.vertices.positions.push(p);
-                    flow.vertices.freedom.push(Freedom::Surface);
+                    vertices.add(p, Freedom::Surface);
                 }
             }
         }
-        let positions = &flow.vertices.positions;
-        flow.elements = Quads::new(quads, positions, flow.elements.narrowest);
-        flow.vertices.settle();
+        vertices.settle_some(&moved);
+        flow.elements = Quads::new(quads, &vertices.positions, flow.elements.narrowest);
+        let mut number = 0;
+        jacobians.retain(|_| {
+            number += 1;
+            self.quads.binary_search(&(number - 1)).is_err()
+        });
+        let places = Places::of(&flow.vertices);
+        let new = jacobians.len()..flow.elements.count();
+        jacobians.extend(new.map(|q| flow.elements.jacobian(q, &places)));
     }
 }
 

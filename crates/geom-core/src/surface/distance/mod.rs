@@ -1,6 +1,6 @@
 //! Distances along a surface: shortest paths over edges or over triangles, and geodesic distance.
 //!
-//! [`shortest_paths`] is fast, exact on its graph, and gives ways; along edges it is too long in directions that edges
+//! [`shortest_paths`] is fast, exact on its graph, and gives ways, [`Dijkstra`] many of them; along edges it is too long in directions that edges
 //! do not take, by up to 15 % on equilateral triangles, however short they are. [`Heat`] is near the true distance
 //! along the surface and gives no ways.
 
@@ -236,7 +236,8 @@ impl Paths {
 }
 
 /// Dijkstra's shortest paths from `sources`, each a node with the distance it starts at, as far as
-/// `reach` (infinite for all): nodes farther away count as not reached.
+/// `reach` (infinite for all): nodes farther away count as not reached. Who asks many times for what is near asks a
+/// [`Dijkstra`].
 ///
 /// ```
 /// use geom_core::mesh::shapes;
@@ -258,50 +259,115 @@ pub fn shortest_paths(
     sources: &[(u32, f64)],
     reach: f64,
 ) -> Result<Paths, DistanceError> {
-    let nodes = graph.len();
-    let mut paths = Paths {
-        distance: vec![f64::INFINITY; nodes],
-        parent: vec![NONE; nodes],
-        source: vec![NONE; nodes],
-    };
-    // Not negative, so the order of the bits is the order of the numbers.
-    let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
-    for (i, &(node, distance)) in sources.iter().enumerate() {
-        if node as usize >= nodes {
-            return Err(DistanceError::NoSuchNode {
-                source_index: i,
-                node,
-                nodes,
-            });
-        }
-        if !(distance.is_finite() && distance >= 0.0) {
-            return Err(DistanceError::StartDistance {
-                source_index: i,
-                distance,
-            });
-        }
-        // −0.0 has another pattern of bits.
-        let distance = distance + 0.0;
-        if distance < paths.distance[node as usize] && distance <= reach {
-            paths.distance[node as usize] = distance;
-            paths.source[node as usize] = i as u32;
-            queue.push(Reverse((distance.to_bits(), node)));
+    let mut search = Dijkstra::new(graph);
+    search.from(sources, reach)?;
+    Ok(search.paths)
+}
+
+/// [`shortest_paths`] of one graph again and again: a search costs what it reaches, not a look at every node.
+///
+/// ```
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::distance::{Dijkstra, Graph};
+/// let sphere = shapes::icosphere(1.0, 4);
+/// let graph = Graph::of_edges(&sphere)?;
+/// let mut search = Dijkstra::new(&graph);
+/// for v in 0..10 {
+///     let (paths, reached) = search.from(&[(v, 0.0)], 0.2)?;
+///     assert_eq!(paths.distance[v as usize], 0.0);
+///     assert!(reached.len() < 100);
+/// }
+/// # Ok::<(), geom_core::surface::distance::DistanceError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Dijkstra<'a> {
+    graph: &'a Graph,
+    paths: Paths,
+    /// All that has an entry in `paths`.
+    reached: Vec<u32>,
+    /// Not negative, so the order of the bits is the order of the numbers.
+    queue: BinaryHeap<Reverse<(u64, u32)>>,
+}
+
+impl<'a> Dijkstra<'a> {
+    /// Nothing reached yet; 16 bytes per node.
+    pub fn new(graph: &'a Graph) -> Self {
+        let nodes = graph.len();
+        Self {
+            graph,
+            paths: Paths {
+                distance: vec![f64::INFINITY; nodes],
+                parent: vec![NONE; nodes],
+                source: vec![NONE; nodes],
+            },
+            reached: Vec::new(),
+            queue: BinaryHeap::new(),
         }
     }
-    while let Some(Reverse((bits, node))) = queue.pop() {
-        let distance = f64::from_bits(bits);
-        if distance > paths.distance[node as usize] {
-            continue;
+
+    /// What [`shortest_paths`] answers, to the bit, and the nodes that are reached, in the order in which they were first
+    /// seen.
+    ///
+    /// # Errors
+    /// Those of [`shortest_paths`].
+    pub fn from(
+        &mut self,
+        sources: &[(u32, f64)],
+        reach: f64,
+    ) -> Result<(&Paths, &[u32]), DistanceError> {
+        for node in self.reached.drain(..).map(|v| v as usize) {
+            self.paths.distance[node] = f64::INFINITY;
+            (self.paths.parent[node], self.paths.source[node]) = (NONE, NONE);
         }
-        for &(to, length) in graph.links(node) {
-            let through = distance + length;
-            if through < paths.distance[to as usize] && through <= reach {
-                paths.distance[to as usize] = through;
-                paths.parent[to as usize] = node;
-                paths.source[to as usize] = paths.source[node as usize];
-                queue.push(Reverse((through.to_bits(), to)));
+        self.check(sources)?;
+        for (i, &(node, distance)) in sources.iter().enumerate() {
+            // −0.0 has another pattern of bits.
+            self.reach(node, distance + 0.0, reach, NONE, i as u32);
+        }
+        while let Some(Reverse((bits, node))) = self.queue.pop() {
+            let distance = f64::from_bits(bits);
+            if distance > self.paths.distance[node as usize] {
+                continue;
+            }
+            let source = self.paths.source[node as usize];
+            for &(to, length) in self.graph.links(node) {
+                self.reach(to, distance + length, reach, node, source);
             }
         }
+        Ok((&self.paths, &self.reached))
     }
-    Ok(paths)
+
+    fn check(&self, sources: &[(u32, f64)]) -> Result<(), DistanceError> {
+        let nodes = self.graph.len();
+        for (source_index, &(node, distance)) in sources.iter().enumerate() {
+            if node as usize >= nodes {
+                return Err(DistanceError::NoSuchNode {
+                    source_index,
+                    node,
+                    nodes,
+                });
+            }
+            if !(distance.is_finite() && distance >= 0.0) {
+                return Err(DistanceError::StartDistance {
+                    source_index,
+                    distance,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a way to a node, if it is the shortest so far and not too long.
+    fn reach(&mut self, node: u32, distance: f64, reach: f64, parent: u32, source: u32) {
+        let known = &mut self.paths.distance[node as usize];
+        if distance < *known && distance <= reach {
+            if known.is_infinite() {
+                self.reached.push(node);
+            }
+            *known = distance;
+            self.paths.parent[node as usize] = parent;
+            self.paths.source[node as usize] = source;
+            self.queue.push(Reverse((distance.to_bits(), node)));
+        }
+    }
 }

@@ -86,6 +86,28 @@ impl<'a> Vertices<'a> {
         (self.positions, self.normals) = self.settled(&self.positions);
     }
 
+    /// Puts some back onto the surface; all others stay as they are.
+    pub fn settle_some(&mut self, vertices: &[u32]) {
+        let pulled = parallel::map_each(vertices, |&v| {
+            let v = v as usize;
+            self.ground(v).pulled(&self.positions[v], self.freedom[v])
+        });
+        self.put_some(vertices, pulled.into_iter().unzip());
+    }
+
+    /// One more, where it is put onto the first surface; its number.
+    pub fn add(&mut self, position: Point3, freedom: Freedom) -> u32 {
+        let number = self.positions.len() as u32;
+        let (position, normal) = self.grounds[0].pulled(&position, freedom);
+        self.positions.push(position);
+        self.normals.push(normal);
+        self.freedom.push(freedom);
+        if !self.part.is_empty() {
+            self.part.push(0);
+        }
+        number
+    }
+
     /// Places on the surface, and its normals there.
     fn settled(&self, positions: &[Point3]) -> State {
         let pulled = parallel::map(positions.len(), |v| {
