@@ -364,6 +364,18 @@ fn no_round_spoils_an_element() {
     assert!(spoiled(&high, &on_tip, GOAL, false)[1] > 0);
 }
 
+/// The scaled Jacobians, and how far the middle of each element is from the surface.
+fn measured(flow: &Flow<'_, Squares>, ground: &Ground<'_>) -> (Vec<f64>, Vec<f64>) {
+    let places = Places::of(&flow.vertices);
+    let off = |q: usize| {
+        let corners = flow.elements.at(q, &places).map(|p| p.coords);
+        let middle = Point3::from(corners.iter().sum::<Vector3>() / 4.0);
+        (ground.pulled(&middle, Freedom::Surface).0 - middle).norm()
+    };
+    let far = (0..flow.elements.count()).map(off).collect();
+    (flow.values(Squares::jacobian), far)
+}
+
 /// How many elements a flow makes worse than they were and than a goal, and how many leave the surface, from starts near enough.
 fn spoiled(
     ground: &Ground<'_>,
@@ -371,17 +383,6 @@ fn spoiled(
     goal: f64,
     in_rounds: bool,
 ) -> [usize; 2] {
-    let off = |elements: &Squares, q: usize, places: &Places<'_>| {
-        let corners = elements.at(q, places).map(|p| p.coords);
-        let middle = Point3::from(corners.iter().sum::<Vector3>() / 4.0);
-        (ground.pulled(&middle, Freedom::Surface).0 - middle).norm()
-    };
-    let measured = |flow: &Flow<'_, Squares>| {
-        let places = Places::of(&flow.vertices);
-        let all = 0..flow.elements.count();
-        let far: Vec<f64> = all.map(|q| off(&flow.elements, q, &places)).collect();
-        (flow.values(Squares::jacobian), far)
-    };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (mut found, mut starts) = ([0, 0], 0);
     for noise in 1..=20 {
@@ -389,7 +390,7 @@ fn spoiled(
         start(&mut vertices);
         let run = Run::on(&Cpu).with(Cpu.as_corners());
         let mut flow = Flow::new(Squares::new(), vertices, run);
-        let (before, near) = measured(&flow);
+        let (before, near) = measured(&flow, ground);
         let how = Descent {
             steps: 100,
             ..DESCENT
@@ -400,7 +401,7 @@ fn spoiled(
         } else {
             flow.descend(&how, |_| true).unwrap();
         }
-        let (after, far) = measured(&flow);
+        let (after, far) = measured(&flow, ground);
         if mean(&after) >= mean(&before) + 0.05 {
             continue;
         }
@@ -455,6 +456,71 @@ fn a_search_lifts_the_worst() {
     assert!((1..=9).contains(&flow.lift_the_worst(&SEARCH).unwrap()));
     assert!(flow.worst(Squares::jacobian) > 0.9);
     assert_eq!(flow.lift_the_worst(&SEARCH).unwrap(), 0);
+}
+
+/// A search for nearly all elements raises their mean, and leaves none farther from the surface nor worse and bad; alone it takes
+/// vertices off the tip.
+#[test]
+fn a_search_for_many_spoils_none() {
+    let (tip, top) = tip();
+    let ground = Ground::new(&tip, Vec::new()).unwrap();
+    let many = Search {
+        goal: 0.95,
+        ..SEARCH
+    };
+    let (mut alone, mut taken) = (0, 0);
+    for noise in 1..=20 {
+        let found = [false, true].map(|in_bounds| {
+            let mut vertices = shaken(&ground, 0.02 * f64::from(noise));
+            vertices.positions[((SIDE + 1) * SIDE / 2 + SIDE / 2) as usize] = top;
+            let run = Run::on(&Cpu).with(Cpu.as_corners());
+            let mut flow = Flow::new(Squares::new(), vertices, run);
+            let (before, near) = measured(&flow, &ground);
+            match in_bounds {
+                true => flow.lift_many(&many),
+                false => flow.lift_the_worst(&many),
+            }
+            .unwrap();
+            let (after, far) = measured(&flow, &ground);
+            let sum = |values: &[f64]| values.iter().sum::<f64>();
+            taken += usize::from(sum(&after) > sum(&before));
+            let worse = before.iter().zip(&after).filter(|(b, a)| **a < b.min(0.6));
+            let off = near.iter().zip(&far).filter(|(n, f)| **f > n.max(0.4));
+            worse.count() + off.count()
+        });
+        alone += found[0];
+        assert_eq!(found[1], 0, "noise {noise}");
+    }
+    assert!(alone > 0 && taken > 30, "{alone} {taken}");
+}
+
+/// Some vertices are put onto the surface as all are, and no others; one that is added is there.
+#[test]
+fn some_vertices_settle_alone() {
+    let (tip, top) = tip();
+    let ground = Ground::new(&tip, Vec::new()).unwrap();
+    let mut vertices = shaken(&ground, 0.2);
+    let before = vertices.state();
+    let lifted = [7u32, 3, 20];
+    for v in lifted {
+        vertices.positions[v as usize] += Vector3::new(0.1, 0.2, 0.5);
+    }
+    vertices.settle_some(&lifted);
+    for (v, (p, n)) in before.0.iter().zip(&before.1).enumerate() {
+        let expected = match lifted.contains(&(v as u32)) {
+            true => ground.pulled(&(p + Vector3::new(0.1, 0.2, 0.5)), vertices.freedom[v]),
+            false => (*p, *n),
+        };
+        assert_eq!((vertices.positions[v], vertices.normals[v]), expected);
+    }
+    let over = top + Vector3::new(0.3, 0.0, 1.0);
+    let number = vertices.add(over, Freedom::Surface) as usize;
+    assert_eq!(number, before.0.len());
+    let expected = ground.pulled(&over, Freedom::Surface);
+    assert_eq!(
+        (vertices.positions[number], vertices.normals[number]),
+        expected
+    );
 }
 
 /// Vertices search at once only where none sees another: whatever moves, the worst around it becomes better, on any threads.

@@ -93,8 +93,8 @@ fn better(a: &Tried, b: &Tried) -> std::cmp::Ordering {
         .then(b.2.total_cmp(&a.2))
 }
 
-/// The quads of a flow, with others in place of those that are bad.
-pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
+/// Puts others in place of quads that are bad.
+pub(super) fn mended(flow: &mut Flow<'_>) -> Result<(), Error> {
     // Quads at places where nothing helps, and how many places these are.
     let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
     let (mut places, mut deeper, mut changed) = (0, DEEPER, false);
@@ -118,9 +118,9 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
             break;
         };
         flow.run.progress("other quads", step as u64, most as u64)?;
-        match Place::mended(&flow, worst, &mut deeper)? {
+        match Place::mended(flow, worst, &mut deeper)? {
             Some((place, tried)) => {
-                place.put(tried, &mut flow, &mut jacobians);
+                place.put(tried, flow, &mut jacobians);
                 changed = true;
             }
             None => {
@@ -136,6 +136,11 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
     if changed {
         flow.lift_the_worst(&SEARCH)?;
     }
+    Ok(())
+}
+
+/// The quads of a flow, without vertices that none of them has any more.
+pub(super) fn taken(flow: &Flow<'_>) -> Result<QuadMesh, Error> {
     let used: Vec<usize> = (0..flow.vertices.positions.len())
         .filter(|&v| !flow.elements.around(v).is_empty())
         .collect();

@@ -43,12 +43,20 @@ const STRAIGHTENING: Straightening<Quads> = Straightening {
     again: 3,
 };
 
+/// At last, those below the most that all corners at a vertex of three or six quads can have, nearly.
+const POLISH: Search<Quads> = Search {
+    goal: 0.86,
+    rounds: 6,
+    ..SEARCH
+};
+
 type Flow<'a> = flow::Flow<'a, Quads>;
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
 /// step, and then those of the worst quads to where these are best. Quads keep the proportions of their sides where
 /// these are above `narrowest`, which is 1 for squares. Where a quad would end with a scaled Jacobian below
-/// 0.6 and below what it was, its vertices stay. Quads that stay bad give way to others.
+/// 0.6 and below what it was, its vertices stay. Quads that stay bad give way to others. At last all are worked on that are
+/// worse than corners at an irregular vertex have to be.
 pub(crate) fn improve(
     mesh: QuadMesh,
     narrowest: f64,
@@ -63,7 +71,9 @@ pub(crate) fn improve(
     flow.descend_in_rounds(&DESCENT, Quads::jacobian, SEARCH.goal)?;
     flow.lift_the_worst(&SEARCH)?;
     flow.straighten(&STRAIGHTENING, &SEARCH)?;
-    mend::mended(flow)
+    mend::mended(&mut flow)?;
+    flow.lift_many(&POLISH)?;
+    mend::taken(&flow)
 }
 
 /// Vertices on the surface, as near as possible to where they were.

@@ -3,7 +3,8 @@
 //! The sum of all distortions falls also where single corners become worse, and these hold up all others: steps become short for their
 //! sake. A few elements taken back after a round cost little, and with what is left all others go on.
 
-use super::{Descent, Elements, Flow, Measure, Places, State};
+use super::search::LOW;
+use super::{Descent, Elements, Flow, Measure, Places, Search, State};
 use crate::compute::parallel;
 use crate::surface::ground::{Freedom, Ground};
 use crate::{Point3, Vector3};
@@ -16,6 +17,8 @@ const ENOUGH: f64 = 0.99;
 const FAR: f64 = 0.05;
 /// No element goes farther from the surface than this, in reasonable steps, unless it was there.
 const OFF: f64 = 0.25;
+/// Nor than this in a search: with less, half of what it gains on surfaces of atoms as large as the elements is taken back.
+const FARTHER_OFF: f64 = 0.4;
 
 impl<E: Elements> Flow<'_, E> {
     /// Goes down in rounds of twenty steps. After each, vertices go back to where it began if one of their elements has become worse
@@ -57,6 +60,23 @@ impl<E: Elements> Flow<'_, E> {
             }
         }
         Ok(steps)
+    }
+
+    /// [`lift_the_worst`](Self::lift_the_worst) for a goal that many elements miss. They give and take: what was better than the
+    /// worst around a vertex may become as bad. So vertices go back to where they began if one of their elements has become worse
+    /// than there and below 0.6, or has left the surface. How many had moved.
+    ///
+    /// # Errors
+    /// If the watcher asks to stop.
+    pub fn lift_many(&mut self, how: &Search<E>) -> Result<usize, E::Error> {
+        let start = self.vertices.state();
+        let (before, were_off) = (self.values(how.by), self.values(off));
+        let lifted = self.lift_the_worst(how)?;
+        self.take_back(&start, |elements, e, places| {
+            let is_worse = (how.by)(elements, e, places) < before[e].min(LOW);
+            is_worse || off(elements, e, places) > were_off[e].max(FARTHER_OFF)
+        });
+        Ok(lifted)
     }
 
     /// Takes the vertices of spoiled elements back to an earlier state, until there are none.

@@ -9,7 +9,7 @@ use crate::surface::ground::Freedom;
 use crate::{Point3, Vector3};
 
 /// Below this, elements are bad: a search alone may be stuck.
-const LOW: f64 = 0.6;
+pub(super) const LOW: f64 = 0.6;
 /// Above that, where the goal is higher, a place must be better by this share of the step: what gains less is not worth the
 /// many steps that it takes. A forcing function, as Kolda, Lewis and Torczon call it, but linear: the worst of several is not smooth, and
 /// steps have a last length.
