@@ -483,7 +483,7 @@ fn a_search_for_many_spoils_none() {
             .unwrap();
             let (after, far) = measured(&flow, &ground);
             let sum = |values: &[f64]| values.iter().sum::<f64>();
-            taken += usize::from(sum(&after) > sum(&before));
+            taken += usize::from(in_bounds && sum(&after) > sum(&before));
             let worse = before.iter().zip(&after).filter(|(b, a)| **a < b.min(0.6));
             let off = near.iter().zip(&far).filter(|(n, f)| **f > n.max(0.4));
             worse.count() + off.count()
@@ -491,7 +491,7 @@ fn a_search_for_many_spoils_none() {
         alone += found[0];
         assert_eq!(found[1], 0, "noise {noise}");
     }
-    assert!(alone > 0 && taken > 30, "{alone} {taken}");
+    assert!(alone > 0 && taken > 15, "{alone} {taken}");
 }
 
 /// Some vertices are put onto the surface as all are, and no others; one that is added is there.
@@ -501,7 +501,7 @@ fn some_vertices_settle_alone() {
     let ground = Ground::new(&tip, Vec::new()).unwrap();
     let mut vertices = shaken(&ground, 0.2);
     let before = vertices.state();
-    let lifted = [7u32, 3, 20];
+    let lifted = [8u32, 17, 24];
     for v in lifted {
         vertices.positions[v as usize] += Vector3::new(0.1, 0.2, 0.5);
     }
@@ -513,14 +513,30 @@ fn some_vertices_settle_alone() {
         };
         assert_eq!((vertices.positions[v], vertices.normals[v]), expected);
     }
-    let over = top + Vector3::new(0.3, 0.0, 1.0);
-    let number = vertices.add(over, Freedom::Surface) as usize;
-    assert_eq!(number, before.0.len());
-    let expected = ground.pulled(&over, Freedom::Surface);
-    assert_eq!(
-        (vertices.positions[number], vertices.normals[number]),
-        expected
+    assert!(
+        lifted
+            .iter()
+            .all(|&v| vertices.freedom[v as usize] == Freedom::Surface)
     );
+    // On one surface, and on the second of two.
+    let plane = plane();
+    let grounds = [&tip, &plane].map(|surface| Ground::new(surface, Vec::new()).unwrap());
+    let (positions, freedom) = (vertices.positions.clone(), vertices.freedom.clone());
+    let on_two = Vertices::on_parts(positions, freedom, &grounds, Vec::new());
+    let over = top + Vector3::new(0.3, 0.0, 1.0);
+    for (mut vertices, part) in [(vertices, 0), (on_two, 1)] {
+        let number = vertices.add(over, Freedom::Surface, part) as usize;
+        assert_eq!(number, before.0.len());
+        let expected = grounds[part as usize].pulled(&over, Freedom::Surface);
+        assert_eq!(
+            (vertices.positions[number], vertices.normals[number]),
+            expected
+        );
+        let after = vertices.state();
+        vertices.settle_some(&[number as u32, 8]);
+        assert!((vertices.positions[number] - after.0[number]).norm() < 1e-12);
+        assert!((vertices.positions[8] - after.0[8]).norm() < 1e-12);
+    }
 }
 
 /// Vertices search at once only where none sees another: whatever moves, the worst around it becomes better, on any threads.

@@ -4,7 +4,7 @@ use geom_core::mesh::shapes;
 use geom_core::search::bvh::{TreeError, TriangleTree, closest_in_triangle};
 use geom_core::search::nearest::{NearestError, PointTree};
 use geom_core::surface::distance::{
-    Dijkstra, DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths,
+    DistanceError, Graph, Heat, HeatOptions, NONE, Searches, shortest_paths,
 };
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
@@ -118,12 +118,17 @@ proptest! {
         let graph = Graph::new(40, &links).unwrap();
         let paths = shortest_paths(&graph, &sources, reach).unwrap();
         // What was found before, as far as it got, is forgotten.
-        let mut search = Dijkstra::new(&graph);
-        search.from(&[(before.0, 0.0)], f64::from(before.1)).unwrap();
-        prop_assert!(search.from(&[(40, 0.0)], reach).is_err());
-        let (again, reached) = search.from(&sources, reach).unwrap();
-        prop_assert_eq!(again, &paths);
-        let mut reached = reached.to_vec();
+        let searches = Searches::of(&graph);
+        let reached_from = |sources: &[(u32, f64)], reach: f64| {
+            searches.with(|search| {
+                let (paths, reached) = search.paths_from(sources, reach)?;
+                Ok::<_, DistanceError>((paths.clone(), reached.to_vec()))
+            })
+        };
+        reached_from(&[(before.0, 0.0)], f64::from(before.1)).unwrap();
+        prop_assert!(reached_from(&[(40, 0.0)], reach).is_err());
+        let (again, mut reached) = reached_from(&sources, reach).unwrap();
+        prop_assert_eq!(&again, &paths);
         reached.sort_unstable();
         let all = 0..40u32;
         let finite = all.filter(|&v| paths.distance[v as usize].is_finite());

@@ -26,7 +26,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use geom_core::TriMesh;
 use geom_core::compute::parallel;
-use geom_core::surface::distance::{Dijkstra, Graph, shortest_paths};
+use geom_core::surface::distance::{Graph, Searches, shortest_paths};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
@@ -467,14 +467,14 @@ impl<'a> Descent<'a> {
             apart => FARTHEST * apart,
         };
         let negative: Vec<u32> = signed(-1).collect();
-        let init = || Dijkstra::new(&graph);
-        let of_each: Vec<Result<_, Error>> =
-            parallel::map_each_init(&negative, init, |search, &v| {
-                let reach = (REACH * nearest[v as usize]).min(farthest);
-                if !reach.is_finite() {
-                    return Ok(Vec::new());
-                }
-                let (paths, reached) = search.from(&[(v, 0.0)], reach)?;
+        let searches = Searches::of(&graph);
+        let of_each: Vec<Result<_, Error>> = parallel::map_each(&negative, |&v| {
+            let reach = (REACH * nearest[v as usize]).min(farthest);
+            if !reach.is_finite() {
+                return Ok(Vec::new());
+            }
+            searches.with(|search| {
+                let (paths, reached) = search.paths_from(&[(v, 0.0)], reach)?;
                 let positive = reached.iter().filter(|&&u| self.index[u as usize] > 0);
                 let mut partners: Vec<(f64, u32)> =
                     positive.map(|&u| (paths.distance[u as usize], u)).collect();
@@ -485,7 +485,8 @@ impl<'a> Descent<'a> {
                     Some((distance, change))
                 });
                 Ok(changes.collect())
-            });
+            })
+        });
         let of_each: Result<Vec<Vec<(f64, Change)>>, Error> = of_each.into_iter().collect();
         Ok(of_each?.concat())
     }
@@ -552,22 +553,22 @@ impl<'a> Descent<'a> {
         }
         let graph = Graph::of_edges(self.mesh)?;
         let mut stuck = vec![false; self.index.len()];
+        let searches = Searches::of(&graph);
         let mut near = Near::default();
         let most = 2 * self.singular().count();
         let mut done = 0;
         while done < most {
             run.progress("singularities", done as u64, most as u64)?;
             let singular: Vec<u32> = self.singular().collect();
-            let pairs = near.pairs(&graph, &singular, apart, &stuck)?;
+            let pairs = near.pairs(&searches, &singular, apart, &stuck)?;
             let pairs = self.far_from_each_other(&pairs, FAR * apart);
             if pairs.is_empty() {
                 break;
             }
             done += pairs.len();
-            let init = || [Dijkstra::new(&graph), Dijkstra::new(&graph)];
-            let ways = parallel::map_each_init(&pairs, init, |searches, &(a, b)| {
-                let mut ways = self.ways_out(searches, a, b, apart)?;
-                ways.extend(self.ways_out(searches, b, a, apart)?);
+            let ways = parallel::map_each(&pairs, |&(a, b)| {
+                let mut ways = self.ways_out(&searches, a, b, apart)?;
+                ways.extend(self.ways_out(&searches, b, a, apart)?);
                 Ok(ways)
             });
             let ways: Vec<Vec<Change>> = ways.into_iter().collect::<Result<_, Error>>()?;
@@ -631,7 +632,7 @@ impl<'a> Descent<'a> {
     /// vary slowly along the ring, and each way costs a solve.
     fn ways_out(
         &self,
-        [from_it, from_others]: &mut [Dijkstra<'_>; 2],
+        searches: &Searches<'_>,
         v: u32,
         other: u32,
         apart: f64,
@@ -639,32 +640,32 @@ impl<'a> Descent<'a> {
         const TARGETS: usize = 24;
         const RING: [f64; 2] = [1.05, 1.5];
         let reach = RING[1] * apart;
-        // Those that are farther from the vertex are near to no target.
-        let (paths, near) = from_it.from(&[(v, 0.0)], 2.0 * reach)?;
-        let near = near.iter().copied();
-        let others: Vec<(u32, f64)> = near
-            .clone()
-            .filter(|&u| u != v && self.index[u as usize] != 0)
-            .map(|u| (u, 0.0))
-            .collect();
-        let free = &from_others.from(&others, reach)?.0.distance;
-        let mut ring: Vec<u32> = near
-            .filter(|&u| {
-                let (far, own) = (free[u as usize], paths.distance[u as usize]);
-                own <= reach && far >= apart && own >= RING[0] * apart
-            })
-            .collect();
-        ring.sort_unstable();
-        let every = ring.len().div_ceil(TARGETS).max(1);
         let sign = self.index[v as usize].signum();
         let meets = self.index[other as usize].signum() == -sign;
-        let targets = ring.into_iter().step_by(every);
-        Ok(targets
-            .chain(meets.then_some(other))
-            .filter_map(|u| self.along(&paths.to(u)))
-            .filter(|change| !change.is_empty())
-            .map(|change| change.into_iter().map(|(h, _)| (h, -sign)).collect())
-            .collect())
+        searches.with(|own| {
+            // Those that are farther from the vertex are near to no target.
+            let (paths, near) = own.paths_from(&[(v, 0.0)], 2.0 * reach)?;
+            let others = near.iter().map(|&u| (u, 0.0));
+            let others = others.filter(|&(u, _)| u != v && self.index[u as usize] != 0);
+            let others: Vec<(u32, f64)> = others.collect();
+            let mut ring: Vec<u32> = searches.with(|search| {
+                let (free, _) = search.paths_from(&others, reach)?;
+                let in_ring = |u: &u32| {
+                    let [far, own] = [free, paths].map(|paths| paths.distance[*u as usize]);
+                    own <= reach && far >= apart && own >= RING[0] * apart
+                };
+                Ok::<_, Error>(near.iter().copied().filter(in_ring).collect())
+            })?;
+            ring.sort_unstable();
+            let every = ring.len().div_ceil(TARGETS).max(1);
+            let targets = ring.into_iter().step_by(every);
+            Ok(targets
+                .chain(meets.then_some(other))
+                .filter_map(|u| self.along(&paths.to(u)))
+                .filter(|change| !change.is_empty())
+                .map(|change| change.into_iter().map(|(h, _)| (h, -sign)).collect())
+                .collect())
+        })
     }
 }
 

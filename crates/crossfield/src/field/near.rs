@@ -5,7 +5,7 @@
 //! far as `apart`. And changes of period jumps that are so far from each other that they can be made together.
 
 use geom_core::compute::parallel;
-use geom_core::surface::distance::{Dijkstra, Graph};
+use geom_core::surface::distance::Searches;
 
 use super::frames::{Frames, previous};
 use crate::Error;
@@ -23,7 +23,7 @@ impl Near {
     /// Those nearer to each other than `apart`, the nearest first; two that are stuck are none.
     pub(super) fn pairs(
         &mut self,
-        graph: &Graph,
+        searches: &Searches<'_>,
         singular: &[u32],
         apart: f64,
         stuck: &[bool],
@@ -35,14 +35,15 @@ impl Near {
             .copied()
             .filter(|v| self.of.binary_search(v).is_err())
             .collect();
-        let init = || Dijkstra::new(graph);
-        let found: Vec<Result<_, Error>> = parallel::map_each_init(&new, init, |search, &v| {
-            let (paths, reached) = search.from(&[(v, 0.0)], apart)?;
-            let near = reached.iter().filter(|&&u| is_singular(u) && u != v);
-            // Of two new ones each pair once.
-            let others = near.filter(|&u| *u > v || new.binary_search(u).is_err());
-            let pairs = others.map(|&u| (paths.distance[u as usize], u.min(v), u.max(v)));
-            Ok(pairs.filter(|pair| pair.0 < apart).collect::<Vec<_>>())
+        let found: Vec<Result<_, Error>> = parallel::map_each(&new, |&v| {
+            searches.with(|search| {
+                let (paths, reached) = search.paths_from(&[(v, 0.0)], apart)?;
+                let near = reached.iter().filter(|&&u| is_singular(u) && u != v);
+                // Of two new ones each pair once.
+                let others = near.filter(|&u| *u > v || new.binary_search(u).is_err());
+                let pairs = others.map(|&u| (paths.distance[u as usize], u.min(v), u.max(v)));
+                Ok(pairs.filter(|pair| pair.0 < apart).collect::<Vec<_>>())
+            })
         });
         for pairs in found {
             self.pairs.extend(pairs?);

@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "a field is carried back whatever becomes of its indices",
+        "crates/crossfield/src/field/solve.rs",
+        "if !(0..frames.edges().vertices()).all(kept) {",
+        "if !(0..frames.edges().vertices()).all(|v| kept(v) || v > 0) {",
+    )
+    .seen_by("laws::no_field_is_carried_back_whose_indices_would_change"),
+    Fault::wrong(
         "a walk along a rim turns back at its vertex for rounding",
         "crates/crossfield/src/map/integers/spread.rs",
         "true => angle.clamp(0.0, total),",

@@ -279,6 +279,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("flows::no_round_spoils_an_element"),
     Fault::wrong(
+        "vertices of many elements slide off tips",
+        "crates/geom-core/src/surface/flow/rounds.rs",
+        "const FARTHER_OFF: f64 = 0.4;",
+        "const FARTHER_OFF: f64 = 40.0;",
+    )
+    .seen_by("flows::a_search_for_many_spoils_none"),
+    Fault::wrong(
+        "what a search before has reached stays reached",
+        "crates/geom-core/src/surface/distance/mod.rs",
+        "self.paths.distance[node] = f64::INFINITY;",
+        "self.paths.distance[node] += 0.0;",
+    )
+    .seen_by("surfaces::shortest_paths_are_shortest"),
+    Fault::wrong(
         "the rim of what flows apart is not held",
         "crates/geom-core/src/surface/flow/search.rs",
         "*freedom = Freedom::Fixed;",

@@ -355,7 +355,7 @@ impl Place {
                 }
                 Some(_) => {}
                 None => {
-                    vertices.add(p, Freedom::Surface);
+                    vertices.add(p, Freedom::Surface, 0);
                 }
             }
         }

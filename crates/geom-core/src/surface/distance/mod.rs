@@ -1,6 +1,6 @@
 //! Distances along a surface: shortest paths over edges or over triangles, and geodesic distance.
 //!
-//! [`shortest_paths`] is fast, exact on its graph, and gives ways, [`Dijkstra`] many of them; along edges it is too long in directions that edges
+//! [`shortest_paths`] is fast, exact on its graph, and gives ways; [`Searches`] ask for many of them. Along edges ways are too long in directions that edges
 //! do not take, by up to 15 % on equilateral triangles, however short they are. [`Heat`] is near the true distance
 //! along the surface and gives no ways.
 
@@ -8,6 +8,7 @@ mod heat;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::sync::{Mutex, PoisonError};
 
 use crate::TriMesh;
 use crate::algebra;
@@ -236,8 +237,8 @@ impl Paths {
 }
 
 /// Dijkstra's shortest paths from `sources`, each a node with the distance it starts at, as far as
-/// `reach` (infinite for all): nodes farther away count as not reached. Who asks many times for what is near asks a
-/// [`Dijkstra`].
+/// `reach` (infinite for all): nodes farther away count as not reached. Who asks many times for what is near has
+/// some [`Searches`].
 ///
 /// ```
 /// use geom_core::mesh::shapes;
@@ -260,25 +261,57 @@ pub fn shortest_paths(
     reach: f64,
 ) -> Result<Paths, DistanceError> {
     let mut search = Dijkstra::new(graph);
-    search.from(sources, reach)?;
+    search.paths_from(sources, reach)?;
     Ok(search.paths)
 }
 
-/// [`shortest_paths`] of one graph again and again: a search costs what it reaches, not a look at every node.
+/// [`shortest_paths`] of one graph again and again: a search costs what it reaches, not a look at every node. What was
+/// searched with before serves the next search, on any thread.
 ///
 /// ```
 /// use geom_core::mesh::shapes;
-/// use geom_core::surface::distance::{Dijkstra, Graph};
+/// use geom_core::surface::distance::{Graph, Searches};
 /// let sphere = shapes::icosphere(1.0, 4);
 /// let graph = Graph::of_edges(&sphere)?;
-/// let mut search = Dijkstra::new(&graph);
+/// let searches = Searches::of(&graph);
 /// for v in 0..10 {
-///     let (paths, reached) = search.from(&[(v, 0.0)], 0.2)?;
-///     assert_eq!(paths.distance[v as usize], 0.0);
-///     assert!(reached.len() < 100);
+///     searches.with(|search| {
+///         let (paths, reached) = search.paths_from(&[(v, 0.0)], 0.2)?;
+///         assert_eq!(paths.distance[v as usize], 0.0);
+///         assert!(reached.len() < 100);
+///         Ok::<(), geom_core::surface::distance::DistanceError>(())
+///     })?;
 /// }
 /// # Ok::<(), geom_core::surface::distance::DistanceError>(())
 /// ```
+#[derive(Debug)]
+pub struct Searches<'a> {
+    graph: &'a Graph,
+    /// Those that nobody has in hand: no more than there ever were at once.
+    idle: Mutex<Vec<Dijkstra<'a>>>,
+}
+
+impl<'a> Searches<'a> {
+    /// None yet; each takes 16 bytes per node.
+    pub fn of(graph: &'a Graph) -> Self {
+        Self {
+            graph,
+            idle: Mutex::default(),
+        }
+    }
+
+    /// Lends a search.
+    pub fn with<T>(&self, ask: impl FnOnce(&mut Dijkstra<'a>) -> T) -> T {
+        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let used = idle().pop();
+        let mut search = used.unwrap_or_else(|| Dijkstra::new(self.graph));
+        let answer = ask(&mut search);
+        idle().push(search);
+        answer
+    }
+}
+
+/// One of some [`Searches`].
 #[derive(Clone, Debug)]
 pub struct Dijkstra<'a> {
     graph: &'a Graph,
@@ -290,8 +323,8 @@ pub struct Dijkstra<'a> {
 }
 
 impl<'a> Dijkstra<'a> {
-    /// Nothing reached yet; 16 bytes per node.
-    pub fn new(graph: &'a Graph) -> Self {
+    /// Nothing reached yet.
+    fn new(graph: &'a Graph) -> Self {
         let nodes = graph.len();
         Self {
             graph,
@@ -310,7 +343,7 @@ impl<'a> Dijkstra<'a> {
     ///
     /// # Errors
     /// Those of [`shortest_paths`].
-    pub fn from(
+    pub fn paths_from(
         &mut self,
         sources: &[(u32, f64)],
         reach: f64,

@@ -5,7 +5,7 @@
 //! move down its gradient within the tangent planes and are put back onto the surface. What sides are equal to is an
 //! [`Ideal`], as in the target-matrix paradigm (P. Knupp, Engineering with Computers 28, 2012). The sum may fall while single
 //! corners do: vertices whose elements would end worse stay ([`Flow::descend_in_rounds`]), and those of the worst elements are lifted
-//! one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that L. Freitag and C. Ollivier-Gooch
+//! one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`], [`Flow::lift_many`]), a combination that L. Freitag and C. Ollivier-Gooch
 //! recommend (Int. J. Numer. Meth. Eng. 40, 1997).
 //!
 //! What the elements are is for the caller to say, in [`Elements`]: quads, or those of a mesh with T-junctions. All but the
@@ -87,6 +87,9 @@ impl<'a> Vertices<'a> {
     }
 
     /// Puts some back onto the surface; all others stay as they are.
+    ///
+    /// # Panics
+    /// If there is no such vertex.
     pub fn settle_some(&mut self, vertices: &[u32]) {
         let pulled = parallel::map_each(vertices, |&v| {
             let v = v as usize;
@@ -95,17 +98,21 @@ impl<'a> Vertices<'a> {
         self.put_some(vertices, pulled.into_iter().unzip());
     }
 
-    /// One more, where it is put onto the first surface; its number.
-    pub fn add(&mut self, position: Point3, freedom: Freedom) -> u32 {
-        let number = self.positions.len() as u32;
-        let (position, normal) = self.grounds[0].pulled(&position, freedom);
+    /// One more, put onto the surface of this number (0 where there is one for all); its own number.
+    ///
+    /// # Panics
+    /// If there is no such surface.
+    pub fn add(&mut self, position: Point3, freedom: Freedom, part: u32) -> u32 {
+        let number = self.positions.len();
+        let (position, normal) = self.grounds[part as usize].pulled(&position, freedom);
         self.positions.push(position);
         self.normals.push(normal);
         self.freedom.push(freedom);
-        if !self.part.is_empty() {
-            self.part.push(0);
+        if part > 0 || !self.part.is_empty() {
+            self.part.resize(number, 0);
+            self.part.push(part);
         }
-        number
+        number as u32
     }
 
     /// Places on the surface, and its normals there.

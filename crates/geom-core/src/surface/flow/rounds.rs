@@ -17,7 +17,7 @@ const ENOUGH: f64 = 0.99;
 const FAR: f64 = 0.05;
 /// No element goes farther from the surface than this, in reasonable steps, unless it was there.
 const OFF: f64 = 0.25;
-/// Nor than this in a search: with less, half of what it gains on surfaces of atoms as large as the elements is taken back.
+/// Nor than this when many search: with less, half of what they gain on surfaces of atoms as large as the elements is taken back.
 const FARTHER_OFF: f64 = 0.4;
 
 impl<E: Elements> Flow<'_, E> {
@@ -63,8 +63,9 @@ impl<E: Elements> Flow<'_, E> {
     }
 
     /// [`lift_the_worst`](Self::lift_the_worst) for a goal that many elements miss. They give and take: what was better than the
-    /// worst around a vertex may become as bad. So vertices go back to where they began if one of their elements has become worse
-    /// than there and below 0.6, or has left the surface. How many had moved.
+    /// worst around a vertex may become as bad. So vertices go back to where they began if what is measured of one of their
+    /// elements has become worse than there and below 0.6, or if one has left the surface by more than 0.4 reasonable steps. How
+    /// many had moved, those that went back among them.
     ///
     /// # Errors
     /// If the watcher asks to stop.
