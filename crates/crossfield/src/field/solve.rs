@@ -37,8 +37,9 @@ const POLISH: usize = 20;
 /// If an index would change on the way back, which needs very bad triangles, half the time is tried, four times in all, and
 /// then the field is solved on the surface as it is; [`FieldReport::smoothing`] says what it came to, 0 for the last.
 ///
-/// A try that is not carried back costs a flow. The one that is costs a few sparse factorizations, two of them for the diffusion, a solve for each batch of changes of period jumps
-/// that are far from each other, and for each change that is judged the part of one that a sparse right-hand side needs.
+/// A try that cannot be carried back costs a flow. The one that can be costs a few sparse factorizations, two of them for the
+/// diffusion, a solve for each batch of changes of period jumps that are far from each other, and for each change that is judged
+/// the part of one that a sparse right-hand side needs.
 ///
 /// # Errors
 /// [`Error::Option`] names a guide of a triangle or side that is not there, or a value out of range; others say why the mesh

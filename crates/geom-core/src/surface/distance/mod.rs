@@ -1,8 +1,8 @@
 //! Distances along a surface: shortest paths over edges or over triangles, and geodesic distance.
 //!
-//! [`shortest_paths`] is fast, exact on its graph, and gives ways; [`Searches`] ask for many of them. Along edges ways are too long in directions that edges
-//! do not take, by up to 15 % on equilateral triangles, however short they are. [`Heat`] is near the true distance
-//! along the surface and gives no ways.
+//! [`shortest_paths`] is fast, exact on its graph, and gives ways; [`Searches`] ask for many of them. Along edges ways are too
+//! long in directions that edges do not take, by up to 15 % on equilateral triangles, however short they are. [`Heat`] is near
+//! the true distance along the surface and gives no ways.
 
 mod heat;
 

@@ -83,7 +83,8 @@ impl<'a> Vertices<'a> {
 
     /// Puts all back onto the surface.
     pub fn settle(&mut self) {
-        (self.positions, self.normals) = self.settled(&self.positions);
+        let pulled = parallel::map(self.positions.len(), |v| self.pulled(v));
+        (self.positions, self.normals) = pulled.into_iter().unzip();
     }
 
     /// Puts some back onto the surface; all others stay as they are.
@@ -91,10 +92,7 @@ impl<'a> Vertices<'a> {
     /// # Panics
     /// If there is no such vertex.
     pub fn settle_some(&mut self, vertices: &[u32]) {
-        let pulled = parallel::map_each(vertices, |&v| {
-            let v = v as usize;
-            self.ground(v).pulled(&self.positions[v], self.freedom[v])
-        });
+        let pulled = parallel::map_each(vertices, |&v| self.pulled(v as usize));
         self.put_some(vertices, pulled.into_iter().unzip());
     }
 
@@ -115,15 +113,13 @@ impl<'a> Vertices<'a> {
         number as u32
     }
 
-    /// Places on the surface, and its normals there.
-    fn settled(&self, positions: &[Point3]) -> State {
-        let pulled = parallel::map(positions.len(), |v| {
-            self.ground(v).pulled(&positions[v], self.freedom[v])
-        });
-        pulled.into_iter().unzip()
+    /// The place of one on its surface, and the normal there.
+    fn pulled(&self, v: usize) -> (Point3, Vector3) {
+        self.ground(v).pulled(&self.positions[v], self.freedom[v])
     }
 
-    /// The same after steps along some displacements from places that were on the surface. What does not move stays as it was.
+    /// Places on the surface, and its normals there, after steps along some displacements from places that were on it. What does
+    /// not move stays as it was.
     fn stepped_from(&self, start: &State, descent: &[Vector3], length: f64) -> State {
         let mut there = start.clone();
         let (positions, normals) = (&mut there.0, &mut there.1);
