@@ -116,11 +116,13 @@ const FINER: u32 = 3;
 
 /// How often an anisotropy that folds the map is made milder.
 const MILDER: u32 = 2;
-/// Smoothing of the rungs, in that asked for: less of it.
+/// Smoothing of the rungs, in that asked for: nearly as much, so that singular vertices lie elsewhere.
+const NEARLY: f64 = 0.9;
+/// Less of it.
 const ROUGHER: [f64; 2] = [0.7, 0.5];
 /// And more.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
-/// Triangles from which on finer ones take so long that a rougher field is tried before them in any case.
+/// Triangles from which on finer ones take so long that rougher fields are tried before them in any case.
 const COSTLY: usize = 20_000;
 
 /// The quads of one connected part, narrower along the gradient of a slope.
@@ -399,17 +401,26 @@ impl Rungs<'_> {
         Ok(None)
     }
 
-    /// Fields of less smooth copies, where that asked for has no map even without integers. Where it has one, a large part is
-    /// worth one of them: its integers may lie better, in a fraction of the time that finer triangles take.
+    /// Fields of less smooth copies, where that asked for has no map even without integers. A large part is worth two of them in
+    /// any case: a handful of its places fold, those of another field are others, and finer triangles take several times as long.
     fn rougher(&mut self, part: &Part, wishes: &Wishes) -> Result<Option<QuadMesh>, Error> {
-        if !self.unfit && part.mesh.triangles().len() >= COSTLY && !self.effort.is_spent() {
+        let (near, rest): (&[f64], &[f64]) = match part.mesh.triangles().len() < COSTLY {
+            true => (&[], &ROUGHER),
+            false => (&[NEARLY, ROUGHER[0]], &ROUGHER[1..]),
+        };
+        for &factor in near {
+            if self.effort.is_spent() {
+                break;
+            }
             // What it takes is not taken from the finer triangles, also where it has too many integers: the field asked for had not.
             let left = self.effort.left();
-            let made = self.with_field(part, wishes, ROUGHER[0], Rung::Rougher)?;
+            let made = self.with_field(part, wishes, factor, Rung::Rougher)?;
             self.effort = Effort::worth(left);
-            return Ok(made);
+            if made.is_some() {
+                return Ok(made);
+            }
         }
-        for factor in ROUGHER {
+        for &factor in rest {
             if !self.unfit || self.effort.is_spent() {
                 break;
             }
