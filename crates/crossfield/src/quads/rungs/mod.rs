@@ -409,13 +409,11 @@ impl Rungs<'_> {
             false => (&[NEARLY, ROUGHER[0]], &ROUGHER[1..]),
         };
         for &factor in near {
-            if self.effort.is_spent() {
-                break;
-            }
-            // What it takes is not taken from the finer triangles, also where it has too many integers: the field asked for had not.
-            let left = self.effort.left();
+            // A budget of their own, also where the field asked for has too many integers for what was left: another may fold less.
+            let all = self.all();
+            let left = std::mem::replace(&mut self.effort, all);
             let made = self.with_field(part, wishes, factor, Rung::Rougher)?;
-            self.effort = Effort::worth(left);
+            self.effort = left;
             if made.is_some() {
                 return Ok(made);
             }
@@ -474,10 +472,14 @@ impl Rungs<'_> {
         self.reported(made)
     }
 
-    /// Is at least half of the work left that the part is worth?
+    /// The work that the part is worth.
+    fn all(&self) -> Effort {
+        Effort::of(self.finish.whole.mesh.triangles().len())
+    }
+
+    /// Is at least half of that left?
     fn has_half(&self) -> bool {
-        let all = Effort::of(self.finish.whole.mesh.triangles().len());
-        2 * self.effort.left() >= all.left()
+        2 * self.effort.left() >= self.all().left()
     }
 
     /// Is enough left for all that the field of so many triangles takes? If not, nothing would be left for its map.
