@@ -342,7 +342,8 @@ struct Rungs<'a> {
     unfit: bool,
     /// The most smoothing of the rungs, Å: no smoother one has less.
     smoothing: f64,
-    /// What may still be done, over all rungs of this climb: when it is spent, no further map is tried.
+    /// What may still be done, over all rungs of this climb: when it is spent, no further map is tried. Fields that are tried for
+    /// large parts in any case have a budget of their own.
     effort: Effort,
 }
 
