@@ -5,13 +5,15 @@
 //! inverse. Both take a block of right-hand sides: conjugate gradients look at each column by itself, refinement goes
 //! on until the worst is done.
 
-use rayon::prelude::*;
-
 use super::{Cholesky, Error, Scalar, SingleFactor, SparseMatrix};
+use crate::compute::parallel;
 use crate::options::require;
 
 /// Rows per task.
-const ROWS: usize = 4096;
+const ROWS: usize = parallel::CHUNK;
+
+/// Up to so many rows an iteration takes less time than waking the threads for each of its loops.
+const FEW: usize = 2 * ROWS;
 
 /// When to stop.
 ///
@@ -52,7 +54,7 @@ impl Options {
 
 /// What [`conjugate_gradients`] multiplies with: symmetric (Hermitian) and positive definite. A matrix, or a part of one that is not
 /// made for it.
-pub trait LinearMap<T: Scalar> {
+pub trait LinearMap<T: Scalar>: Sync {
     /// Rows and columns.
     fn shape(&self) -> [usize; 2];
 
@@ -73,7 +75,7 @@ impl<T: Scalar> LinearMap<T> for SparseMatrix<T> {
 /// What [`conjugate_gradients`] applies to a residual in place of the inverse of the matrix: positive definite, and easy to
 /// apply. It must be the same linear map each time, and symmetric (Hermitian): a cycle of multigrid is, most sweeps
 /// from first to last row are not.
-pub trait Preconditioner<T: Scalar> {
+pub trait Preconditioner<T: Scalar>: Sync {
     /// The rows of its matrix.
     fn rows(&self) -> usize;
 
@@ -244,6 +246,23 @@ pub fn conjugate_gradients<T: Scalar>(
     options: &Options,
 ) -> Result<Solution<T>, Error> {
     let sizes = start(matrix, preconditioner, block, columns, options)?;
+    let descend = || descend(matrix, preconditioner, block, &sizes, options);
+    if matrix.shape()[0] <= FEW {
+        parallel::alone(descend)
+    } else {
+        parallel::inside(descend)
+    }
+}
+
+/// The iterations of [`conjugate_gradients`] for columns of these norms.
+fn descend<T: Scalar>(
+    matrix: &(impl LinearMap<T> + ?Sized),
+    preconditioner: &(impl Preconditioner<T> + ?Sized),
+    block: &[T],
+    sizes: &[f64],
+    options: &Options,
+) -> Result<Solution<T>, Error> {
+    let columns = sizes.len();
     // From zero, so that the residual is the right-hand side.
     let mut x = vec![T::default(); block.len()];
     let mut r = block.to_vec();
@@ -262,7 +281,7 @@ pub fn conjugate_gradients<T: Scalar>(
             (0..columns).find(|&j| open[j] && (curvature[j] <= 0.0 || curvature[j].is_nan()))
         {
             let entry = |i: usize| p[i * columns + j].norm_squared();
-            let row = crate::compute::parallel::argmax(matrix.shape()[0], entry).map_or(0, |m| m.0);
+            let row = parallel::argmax(matrix.shape()[0], entry).map_or(0, |m| m.0);
             return Err(Error::NotPositiveDefinite { row });
         }
         // Columns that are done stand still, while the others go on with one product for all.
@@ -271,7 +290,7 @@ pub fn conjugate_gradients<T: Scalar>(
             .collect();
         change(&mut x, &p, &step, |x, p, s| x + p * s);
         change(&mut r, &image, &step, |r, image, s| r - image * s);
-        for (open, residual) in open.iter_mut().zip(relative(&norms(&r, columns), &sizes)) {
+        for (open, residual) in open.iter_mut().zip(relative(&norms(&r, columns), sizes)) {
             // One that is no number is not done.
             *open &= residual > options.tolerance || residual.is_nan();
         }
@@ -285,7 +304,7 @@ pub fn conjugate_gradients<T: Scalar>(
         rz = next;
     }
     // The true residual, not the one that was carried along.
-    let (_, residuals) = missing(matrix, &x, block, &sizes);
+    let (_, residuals) = missing(matrix, &x, block, sizes);
     Ok(Solution {
         converged: !open.contains(&true) && !residuals.iter().any(|r| r.is_nan()),
         values: x,
@@ -366,7 +385,7 @@ fn norms<T: Scalar>(block: &[T], columns: usize) -> Vec<f64> {
 /// threads.
 fn dots<T: Scalar>(x: &[T], y: &[T], columns: usize) -> Vec<f64> {
     let mut total = vec![0.0; columns];
-    let parts = crate::compute::parallel::fold_chunks(x.len() / columns.max(1), |rows| {
+    let parts = parallel::fold_chunks(x.len() / columns.max(1), |rows| {
         let range = rows.start * columns..rows.end * columns;
         let mut sums = vec![0.0; columns];
         let mut column = 0;
@@ -392,17 +411,15 @@ fn change<T: Scalar>(
     factors: &[f64],
     change: impl Fn(T, T, f64) -> T + Sync,
 ) {
-    let rows = ROWS * factors.len().max(1);
-    x.par_chunks_mut(rows)
-        .zip(y.par_chunks(rows))
-        .for_each(|(x, y)| {
-            let mut column = 0;
-            for (x, &y) in x.iter_mut().zip(y) {
-                *x = change(*x, y, factors[column]);
-                column += 1;
-                if column == factors.len() {
-                    column = 0;
-                }
+    let size = ROWS * factors.len().max(1);
+    parallel::for_chunks(x, size, |chunk, x| {
+        let mut column = 0;
+        for (x, &y) in x.iter_mut().zip(&y[chunk * size..]) {
+            *x = change(*x, y, factors[column]);
+            column += 1;
+            if column == factors.len() {
+                column = 0;
             }
-        });
+        }
+    });
 }

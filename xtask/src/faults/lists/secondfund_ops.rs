@@ -345,5 +345,5 @@ pub(super) const FAULTS: &[Fault] = &[
         "let step = std::mem::take(&mut moves[v as usize]);",
         "let step = moves[v as usize] * 0.0;",
     )
-    .seen_by("laws::smoothing_lets_nothing_come_through_and_keeps_volumes"),
+    .seen_by("laws::a_flow_that_sharpens_by_half_lets_nothing_come_through"),
 ];
