@@ -515,6 +515,11 @@ impl<'a, E: Elements> Flow<'a, E> {
         parallel::map(self.elements.count(), |e| of(&self.elements, e, &places))
     }
 
+    /// The mean of that.
+    pub fn mean(&self, of: Measure<E>) -> f64 {
+        rounds::mean(&self.values(of))
+    }
+
     /// The least of that.
     pub fn worst(&self, of: Measure<E>) -> f64 {
         least(self.values(of))

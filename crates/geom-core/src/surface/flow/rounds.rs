@@ -44,7 +44,7 @@ impl<E: Elements> Flow<'_, E> {
                 ..*how
             };
             let made = self.descend(&round, |_| true)?;
-            if mean(&self.values(by)) < mean(&before) + FAR {
+            if self.mean(by) < mean(&before) + FAR {
                 self.take_back(&start, |elements, e, places| {
                     let is_worse = before[e] > 0.0 && by(elements, e, places) < before[e].min(goal);
                     is_worse || off(elements, e, places) > were_off[e].max(OFF)
@@ -124,6 +124,6 @@ fn off<E: Elements>(elements: &E, e: usize, places: &Places<'_>) -> f64 {
     ground.map_or(0.0, distance)
 }
 
-fn mean(values: &[f64]) -> f64 {
+pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
