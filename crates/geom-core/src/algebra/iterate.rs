@@ -247,11 +247,11 @@ pub fn conjugate_gradients<T: Scalar>(
 ) -> Result<Solution<T>, Error> {
     let sizes = start(matrix, preconditioner, block, columns, options)?;
     let descend = || descend(matrix, preconditioner, block, &sizes, options);
-    if matrix.shape()[0] <= FEW {
-        parallel::alone(descend)
-    } else {
-        parallel::inside(descend)
-    }
+    // A factor's solves go to all threads from there in any case.
+    parallel::inside(|| match matrix.shape()[0] {
+        ..=FEW => parallel::alone(descend),
+        _ => descend(),
+    })
 }
 
 /// The iterations of [`conjugate_gradients`] for columns of these norms.
