@@ -247,7 +247,7 @@ pub fn conjugate_gradients<T: Scalar>(
 ) -> Result<Solution<T>, Error> {
     let sizes = start(matrix, preconditioner, block, columns, options)?;
     let descend = || descend(matrix, preconditioner, block, &sizes, options);
-    // A factor's solves go to all threads from there in any case.
+    // In the pool also where the loops here stay on one thread: the levels of a factor are handed out to all.
     parallel::inside(|| match matrix.shape()[0] {
         ..=FEW => parallel::alone(descend),
         _ => descend(),

@@ -51,7 +51,7 @@ const POLISH: Search<Quads> = Search {
     ..SEARCH
 };
 
-/// As long as their mean is not above this, which leaves something to the small parts of a surface for 0.9 of all,
+/// Both as long as their mean is below this, which leaves something to the small parts of a surface for 0.9 of all,
 const GOOD: f64 = 0.905;
 /// and so often at most: each time gains less.
 const POLISHED_AT_MOST: usize = 3;

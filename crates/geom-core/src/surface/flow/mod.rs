@@ -517,7 +517,7 @@ impl<'a, E: Elements> Flow<'a, E> {
 
     /// The mean of that.
     pub fn mean(&self, of: Measure<E>) -> f64 {
-        rounds::mean(&self.values(of))
+        mean(&self.values(of))
     }
 
     /// The least of that.
@@ -545,4 +545,9 @@ pub fn barrier(smallest: f64) -> (f64, bool) {
 /// The least of some values; infinite without any.
 pub fn least(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Their mean; 0 without any.
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }

@@ -4,7 +4,7 @@
 //! sake. A few elements taken back after a round cost little, and with what is left all others go on.
 
 use super::search::LOW;
-use super::{Descent, Elements, Flow, Measure, Places, Search, State};
+use super::{Descent, Elements, Flow, Measure, Places, Search, State, mean};
 use crate::compute::parallel;
 use crate::surface::ground::{Freedom, Ground};
 use crate::{Point3, Vector3};
@@ -122,8 +122,4 @@ fn off<E: Elements>(elements: &E, e: usize, places: &Places<'_>) -> f64 {
         (near - middle).norm() / (area / count).sqrt()
     };
     ground.map_or(0.0, distance)
-}
-
-pub(super) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
