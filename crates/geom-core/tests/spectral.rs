@@ -93,6 +93,60 @@ fn parts_have_a_zero_each() {
     }
 }
 
+/// Twenty spheres of other sizes, of which every fifth is too large to be solved densely: what each gives alone, in order.
+#[test]
+fn many_parts_give_what_each_gives_alone() {
+    let spheres: Vec<TriMesh> = (0..20)
+        .map(|i| shapes::icosphere(1.0 + 0.07 * f64::from(i), if i % 5 == 3 { 3 } else { 2 }))
+        .collect();
+    let (mut positions, mut triangles, mut starts) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, sphere) in spheres.iter().enumerate() {
+        let first = positions.len() as u32;
+        starts.push(first as usize);
+        let shift = Point3::new(5.0 * i as f64, 0.0, 0.0).coords;
+        positions.extend(sphere.positions().iter().map(|p| p + shift));
+        triangles.extend(sphere.triangles().iter().map(|t| t.map(|v| v + first)));
+    }
+    starts.push(positions.len());
+    let all = TriMesh::new(positions, triangles).unwrap();
+    type MassOf = fn(&TriMesh) -> Mass;
+    let masses: [MassOf; 2] = [laplace::lumped_mass, |m| {
+        laplace::consistent_mass(m).unwrap()
+    }];
+    for mass in masses {
+        let pairs_of = |mesh: &TriMesh, k| {
+            let stiffness = laplace::stiffness(mesh).unwrap();
+            eigenpairs(
+                &stiffness,
+                &mass(mesh),
+                k,
+                &Options::default(),
+                Run::on(&Cpu),
+            )
+            .unwrap()
+        };
+        let pairs = pairs_of(&all, 60);
+        check(&pairs, 60);
+        assert_eq!(pairs.report.parts, 20);
+        let mut alone: Vec<(f64, usize)> = Vec::new();
+        for (i, sphere) in spheres.iter().enumerate() {
+            alone.extend(pairs_of(sphere, 9).values.into_iter().map(|v| (v, i)));
+        }
+        alone.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for ((value, vector), (expected, part)) in
+            pairs.values.iter().zip(&pairs.vectors).zip(alone)
+        {
+            assert!((value - expected).abs() <= 1e-8, "{value} {expected}");
+            let own = starts[part]..starts[part + 1];
+            let outside = vector
+                .iter()
+                .enumerate()
+                .any(|(i, &x)| x != 0.0 && !own.contains(&i));
+            assert!(!outside, "{value} of part {part} is elsewhere, too");
+        }
+    }
+}
+
 #[test]
 fn consistent_mass_brackets_the_lumped_one() {
     let mesh = shapes::icosphere(1.0, 4);

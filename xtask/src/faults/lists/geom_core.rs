@@ -18,6 +18,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("spectral::many_restarts_lose_no_orthogonality"),
     Fault::wrong(
+        "a part is counted from the first of those that are held at a time",
+        "crates/geom-core/src/algebra/eigen/mod.rs",
+        "let index = batch * SIDE_BY_SIDE + i;",
+        "let index = i;",
+    )
+    .seen_by("spectral::many_parts_give_what_each_gives_alone"),
+    Fault::wrong(
+        "vectors of a small part with a lumped mass are left scaled",
+        "crates/geom-core/src/algebra/eigen/direct.rs",
+        "row.iter_mut().for_each(|x| *x /= root);",
+        "row.iter_mut().for_each(|x| *x *= root);",
+    )
+    .seen_by("spectral::many_parts_give_what_each_gives_alone"),
+    Fault::wrong(
         "the shift is of the size of the largest weights",
         "crates/geom-core/src/algebra/eigen/lanczos.rs",
         "let half = diagonal.len() / 2;",

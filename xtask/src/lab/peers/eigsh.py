@@ -4,7 +4,7 @@ factorization (superlu) and once with CHOLMOD (cholmod).
     eigsh.py FOLDER SHIFT SOLVER,... THREADS COUNT...
 
 THREADS is the number of threads of the dense products (BLAS), 0 for what is the default. FOLDER holds starts.u64, indices.u32, values.f64 (K in compressed rows) and mass.f64 (the diagonal of
-M). Prints a list with, per count and solver, the values, wall seconds and CPU seconds."""
+M). Prints a list with, per count and solver, the values, wall seconds and CPU seconds of the fastest of three runs."""
 
 import json
 import os
@@ -51,20 +51,27 @@ def main():
     answers = []
     for count in counts:
         for solver in solvers:
-            wall, cpu = time.perf_counter(), time.process_time()
-            inverse = None
-            if solver == "cholmod":
-                try:
-                    inverse = cholmod(k - shift * m)
-                except ImportError:
-                    continue
-            values = sla.eigsh(k, count, m, sigma=shift, OPinv=inverse, v0=start, return_eigenvectors=True)[0]
+            best = None
+            # The fastest of three: times of some hundredths of a second vary by a third.
+            for _ in range(3):
+                wall, cpu = time.perf_counter(), time.process_time()
+                inverse = None
+                if solver == "cholmod":
+                    try:
+                        inverse = cholmod(k - shift * m)
+                    except ImportError:
+                        break
+                values = sla.eigsh(k, count, m, sigma=shift, OPinv=inverse, v0=start, return_eigenvectors=True)[0]
+                took = (time.perf_counter() - wall, time.process_time() - cpu)
+                best = min(best or took, took)
+            if best is None:
+                continue
             answers.append({
                 "count": count,
                 "solver": solver,
                 "values": sorted(float(v) for v in values),
-                "seconds": time.perf_counter() - wall,
-                "cpu": time.process_time() - cpu,
+                "seconds": best[0],
+                "cpu": best[1],
             })
     print(json.dumps(answers))
 

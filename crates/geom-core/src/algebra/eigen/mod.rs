@@ -5,13 +5,14 @@
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert), a large one of a
 //! graph by block Davidson over multigrid: see [`Method`].
 //!
-//! Files: `parts.rs` finds the connected parts; `lanczos.rs` and `davidson.rs` are the two iterations over the bases of
+//! Files: `parts.rs` finds the connected parts; `direct.rs` solves small ones; `lanczos.rs` and `davidson.rs` are the two iterations over the bases of
 //! `basis.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run elsewhere. Whatever found a
 //! pair, its residual is computed anew from K and M in f64.
 
 pub mod backend;
 mod basis;
 mod davidson;
+mod direct;
 mod lanczos;
 mod multigrid;
 mod parts;
@@ -40,6 +41,8 @@ const DENSE_ROWS: usize = 384;
 const LARGEST_DENSE: usize = 2048;
 /// Vectors whose residuals are measured at once.
 const RESIDUALS: usize = 8;
+/// Parts whose pairs are held at a time: small ones among them are solved side by side.
+const SIDE_BY_SIDE: usize = 16;
 /// Searches for a part in which pairs are found to be missing.
 const ATTEMPTS: usize = 4;
 
@@ -310,12 +313,18 @@ fn eigenpairs_on(
     let mut pairs: Vec<(f64, usize, Vec<f64>)> = Vec::new();
     let rows_in_all: usize = split.parts.iter().map(Vec::len).sum();
     let mut rows_done = 0;
+    // Small parts, and those of which a third of the pairs is asked, are solved densely.
+    let many = |rows: &[u32]| 3 * k > rows.len();
+    let small = |rows: &[u32]| {
+        rows.len()
+            <= if many(rows) {
+                LARGEST_DENSE
+            } else {
+                DENSE_ROWS
+            }
+    };
     // Part by part, so that each has its own zero and no mode spans two.
-    for (index, rows) in split.parts.iter().enumerate() {
-        if wanted == 0 {
-            break;
-        }
-        run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;
+    let solve = |rows: &[u32], report: &mut Report| {
         let whole = rows.len() == n;
         let (part_k, part_m) = if whole {
             (None, None)
@@ -330,23 +339,40 @@ fn eigenpairs_on(
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
-        // Small parts, and those of which a third of the pairs is asked, are solved densely.
-        let many = 3 * k > rows.len();
-        let found = if rows.len() <= if many { LARGEST_DENSE } else { DENSE_ROWS } {
-            dense_pairs(&pencil, wanted)?
-        } else if many {
+        if small(rows) {
+            direct::pairs(&pencil, wanted)
+        } else if many(rows) {
             let rows = rows.len();
-            return Err(Error::TooMany { asked: k, rows });
+            Err(Error::TooMany { asked: k, rows })
         } else {
-            iterate(&pencil, k, options, run, &mut report)?
-        };
-        for (value, vector) in found {
-            pairs.push((value, index, vector));
+            iterate(&pencil, k, options, run, report)
         }
-        // Only the smallest can be among the answer.
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        pairs.truncate(wanted);
-        rows_done += rows.len();
+    };
+    for (batch, some) in split.parts.chunks(SIDE_BY_SIDE).enumerate() {
+        if wanted == 0 {
+            break;
+        }
+        run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;
+        let mut beside = parallel::map_each(some, |rows| {
+            small(rows).then(|| solve(rows, &mut Report::default()))
+        });
+        for (i, (rows, found)) in some.iter().zip(&mut beside).enumerate() {
+            run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;
+            let found = match found.take() {
+                Some(found) => found?,
+                None => solve(rows, &mut report)?,
+            };
+            let index = batch * SIDE_BY_SIDE + i;
+            pairs.extend(
+                found
+                    .into_iter()
+                    .map(|(value, vector)| (value, index, vector)),
+            );
+            // Only the smallest can be among the answer.
+            pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            pairs.truncate(wanted);
+            rows_done += rows.len();
+        }
     }
 
     // The answer in rows of the whole: zero on all parts but one.
@@ -520,56 +546,6 @@ fn rayleigh_ritz(pencil: &Pencil<'_>, mut x: Vec<f64>, count: usize) -> Result<V
 
 fn not_finite() -> Error {
     algebra::Error::NotFinite { row: 0, column: 0 }.into()
-}
-
-/// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`. `O(n³)`. The constant, where
-/// it is known, is taken out before: its zero is then exact, and the others are orthogonal to it.
-fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
-    let n = pencil.rows();
-    let mut identity = vec![0.0; n * n];
-    for i in 0..n {
-        identity[i * n + i] = 1.0;
-    }
-    let kk = pencil.stiffness.multiply(&identity, n);
-    let mm = pencil.mass_times(&identity, n);
-    let (r, dead) = dense::upper_cholesky(&mm, n, 0.0);
-    if let Some(&row) = dead.first() {
-        return Err(algebra::Error::NotPositiveDefinite { row }.into());
-    }
-    let inverse = dense::upper_inverse(&r, n);
-    let c = dense::product(&[dense::Tall::of(&kk, n)], &inverse, n);
-    let mut reduced = dense::gram(&[dense::Tall::of(&inverse, n)], dense::Tall::of(&c, n));
-    let constants = pencil.constants_vanish();
-    if constants {
-        // The constant is an exact eigenvector: R·1 spans its image; push it out of the way.
-        let mut u: Vec<f64> = (0..n).map(|i| (i..n).map(|j| r[i * n + j]).sum()).collect();
-        let norm = u.iter().map(|x| x * x).sum::<f64>().sqrt();
-        u.iter_mut().for_each(|x| *x /= norm);
-        deflate(&mut reduced, &u, n);
-    }
-    let (values, vectors) = dense::symmetric_eigen(&reduced, n)
-        .ok_or(algebra::Error::NotFinite { row: 0, column: 0 })?;
-    let full = dense::product(&[dense::Tall::of(&inverse, n)], &vectors, n);
-    Ok((0..n.min(k))
-        .map(|j| {
-            let value = if constants && j == 0 { 0.0 } else { values[j] };
-            (value, (0..n).map(|i| full[i * n + j]).collect())
-        })
-        .collect())
-}
-
-/// `P A P − s u uᵀ` with `P = 1 − u uᵀ`: u becomes the eigenvector of the smallest eigenvalue, −s.
-fn deflate(a: &mut [f64], u: &[f64], n: usize) {
-    let au: Vec<f64> = (0..n)
-        .map(|i| (0..n).map(|j| a[i * n + j] * u[j]).sum())
-        .collect();
-    let uau: f64 = u.iter().zip(&au).map(|(x, y)| x * y).sum();
-    let scale = (0..n).map(|i| a[i * n + i].abs()).fold(0.0, f64::max);
-    for i in 0..n {
-        for j in 0..n {
-            a[i * n + j] += u[i] * u[j] * (uau - scale) - au[i] * u[j] - u[i] * au[j];
-        }
-    }
 }
 
 /// The entry of largest magnitude, the first of them, becomes positive. A vector and its negative are equally good;
