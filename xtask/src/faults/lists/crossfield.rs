@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "quads are left where the worst is best",
+        "crates/crossfield/src/quads/improve/mod.rs",
+        "flow.lift_the_mean(&RISE, POLISH.goal)?;",
+        "let _ = RISE.goal;",
+    )
+    .seen_by("laws::few_quads_are_good_in_the_mean"),
+    Fault::wrong(
         "a field is carried back whatever becomes of its indices",
         "crates/crossfield/src/field/solve.rs",
         "if !(0..frames.edges().vertices()).all(kept) {",

@@ -293,6 +293,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("flows::no_round_spoils_an_element"),
     Fault::wrong(
+        "a search for the mean looks at the worst",
+        "crates/geom-core/src/surface/flow/rounds.rs",
+        "self.lift_with_care(how, Raise::Mean(held))",
+        "self.lift_with_care(how, if held > 0.0 { Raise::Worst } else { Raise::Mean(held) })",
+    )
+    .seen_by("flows::a_search_for_the_mean_raises_it_and_holds_the_worst"),
+    Fault::wrong(
+        "the mean is raised at the cost of the worst",
+        "crates/geom-core/src/surface/flow/search.rs",
+        "Raise::Mean(held) => held.min(self.worth_now(v, Raise::Worst)),",
+        "Raise::Mean(held) => -held,",
+    )
+    .seen_by("flows::a_search_for_the_mean_raises_it_and_holds_the_worst"),
+    Fault::wrong(
         "vertices of many elements slide off tips",
         "crates/geom-core/src/surface/flow/rounds.rs",
         "const FARTHER_OFF: f64 = 0.4;",

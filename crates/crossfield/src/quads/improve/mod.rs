@@ -43,18 +43,19 @@ const STRAIGHTENING: Straightening<Quads> = Straightening {
     again: 3,
 };
 
-/// At last, those below the most that all corners at a vertex of three or six quads can have, nearly.
+/// At last, those below the most that all corners at a vertex of three or six quads can have, nearly;
 const POLISH: Search<Quads> = Search {
     by: Quads::jacobian,
     goal: 0.86,
     rounds: 6,
     ..SEARCH
 };
-
-/// Both as long as their mean is below this, which leaves something to the small parts of a surface for 0.9 of all,
-const GOOD: f64 = 0.905;
-/// and so often at most: each time gains less.
-const POLISHED_AT_MOST: usize = 3;
+/// then those that are not nearly rectangles, for the sake of the mean while none falls below that again. Longer steps would make more of the sides uneven.
+const RISE: Search<Quads> = Search {
+    goal: 0.95,
+    first: 0.1,
+    ..POLISH
+};
 
 type Flow<'a> = flow::Flow<'a, Quads>;
 
@@ -63,7 +64,7 @@ type Flow<'a> = flow::Flow<'a, Quads>;
 /// these are above `narrowest`, which is 1 for squares. Where a quad would end with a scaled Jacobian below
 /// 0.6 and below what it was, its vertices stay. Quads that stay bad give way to others. Then all go down once more, and
 /// all vertices search whose quads are worse than corners at an irregular vertex have to be, where none of those below 0.6
-/// ends worse; both up to three times, until the mean scaled Jacobian is above 0.9.
+/// ends worse; at last those whose quads are no rectangles, for places where these are better in the mean.
 pub(crate) fn improve(
     mesh: QuadMesh,
     narrowest: f64,
@@ -79,15 +80,11 @@ pub(crate) fn improve(
     flow.lift_the_worst(&SEARCH)?;
     flow.straighten(&STRAIGHTENING, &SEARCH)?;
     mend::mended(&mut flow)?;
-    for _ in 0..POLISHED_AT_MOST {
-        // What was lifted and mended has other proportions, and holds up its surroundings no longer.
-        flow.elements.renew(&flow.vertices.positions);
-        flow.descend_in_rounds(&DESCENT, Quads::jacobian, SEARCH.goal)?;
-        flow.lift_many(&POLISH)?;
-        if flow.mean(Quads::jacobian) >= GOOD {
-            break;
-        }
-    }
+    // What was lifted and mended has other proportions, and holds up its surroundings no longer.
+    flow.elements.renew(&flow.vertices.positions);
+    flow.descend_in_rounds(&DESCENT, Quads::jacobian, SEARCH.goal)?;
+    flow.lift_many(&POLISH)?;
+    flow.lift_the_mean(&RISE, POLISH.goal)?;
     mend::taken(&flow)
 }
 

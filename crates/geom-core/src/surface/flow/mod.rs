@@ -6,7 +6,7 @@
 //! [`Ideal`], as in the target-matrix paradigm (P. Knupp, Engineering with Computers 28, 2012). The sum may fall while single
 //! corners do: vertices whose elements would end worse stay ([`Flow::descend_in_rounds`]), and those of the worst elements are lifted
 //! one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`], [`Flow::lift_many`]), a combination that L. Freitag and C. Ollivier-Gooch
-//! recommend (Int. J. Numer. Meth. Eng. 40, 1997).
+//! recommend (Int. J. Numer. Meth. Eng. 40, 1997). Where the mean itself is wanted, [`Flow::lift_the_mean`] follows.
 //!
 //! What the elements are is for the caller to say, in [`Elements`]: quads, or those of a mesh with T-junctions. All but the
 //! distortions ([`CornerBackend`]) is computed on the CPU, with the same bits for any number of threads.

@@ -3,7 +3,7 @@
 //! The sum of all distortions falls also where single corners become worse, and these hold up all others: steps become short for their
 //! sake. A few elements taken back after a round cost little, and with what is left all others go on.
 
-use super::search::LOW;
+use super::search::{LOW, Raise};
 use super::{Descent, Elements, Flow, Measure, Places, Search, State, mean};
 use crate::compute::parallel;
 use crate::surface::ground::{Freedom, Ground};
@@ -70,9 +70,23 @@ impl<E: Elements> Flow<'_, E> {
     /// # Errors
     /// If the watcher asks to stop.
     pub fn lift_many(&mut self, how: &Search<E>) -> Result<usize, E::Error> {
+        self.lift_with_care(how, Raise::Worst)
+    }
+
+    /// The same, with places judged by the mean of the elements around a vertex in place of the worst: the mean of all rises with
+    /// every move, where the sum of all distortions would rather have even sides. The worst around a vertex does not fall below
+    /// `held` for it, nor at all where it is below.
+    ///
+    /// # Errors
+    /// If the watcher asks to stop.
+    pub fn lift_the_mean(&mut self, how: &Search<E>, held: f64) -> Result<usize, E::Error> {
+        self.lift_with_care(how, Raise::Mean(held))
+    }
+
+    fn lift_with_care(&mut self, how: &Search<E>, raise: Raise) -> Result<usize, E::Error> {
         let start = self.vertices.state();
         let (before, were_off) = (self.values(how.by), self.values(off));
-        let lifted = self.lift_the_worst(how)?;
+        let lifted = self.lift(how, raise)?;
         self.take_back(&start, |elements, e, places| {
             let is_worse = (how.by)(elements, e, places) < before[e].min(LOW);
             is_worse || off(elements, e, places) > were_off[e].max(FARTHER_OFF)

@@ -2,6 +2,7 @@
 //!
 //! Where the mean is good and single corners are not, vertices of the worst elements search for better places, as one after
 //! the other. Four that can only move together are stuck so; they go down a high power of the corners' distortion, with all around them.
+//! The same search raises the mean, if a place is judged by all elements around it.
 
 use super::{Descent, Elements, Flow, Measure, Places, State, least};
 use crate::compute::parallel;
@@ -52,13 +53,22 @@ pub struct Straightening<E> {
     pub again: usize,
 }
 
+/// What is better at a better place, of the elements around it.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Raise {
+    /// The worst.
+    Worst,
+    /// Their mean, while the worst does not fall below this, nor at all where it is below.
+    Mean(f64),
+}
+
 /// Of vertices that search.
 struct Seekers {
     /// How far each looks next, in its reaches.
     steps: Vec<f64>,
     /// How often each has looked.
     tries: Vec<u32>,
-    /// The merit of the worst element around each, as long as nothing there moves.
+    /// What the elements around each are worth, as long as nothing there moves.
     known: Vec<Option<f64>>,
 }
 
@@ -69,6 +79,11 @@ impl<E: Elements> Flow<'_, E> {
     /// # Errors
     /// If the watcher asks to stop.
     pub fn lift_the_worst(&mut self, how: &Search<E>) -> Result<usize, E::Error> {
+        self.lift(how, Raise::Worst)
+    }
+
+    /// The same for what is to be better at those places.
+    pub(super) fn lift(&mut self, how: &Search<E>, raise: Raise) -> Result<usize, E::Error> {
         let count = self.vertices.positions.len();
         let mut seekers = Seekers {
             steps: vec![how.first; count],
@@ -90,7 +105,7 @@ impl<E: Elements> Flow<'_, E> {
                 turn.retain(|&v| self.vertices.freedom[v as usize] != Freedom::Fixed);
                 turn.retain(|&v| seekers.steps[v as usize] >= SHORTEST);
                 searched |= !turn.is_empty();
-                for v in self.turned(&turn, &mut seekers, forcing) {
+                for v in self.turned(&turn, &mut seekers, raise, forcing) {
                     lifted[v] = true;
                     changed.extend_from_slice(self.elements.around(v));
                 }
@@ -113,14 +128,23 @@ impl<E: Elements> Flow<'_, E> {
     }
 
     /// One turn of vertices that have no element in common: each searches, and those that find a place move there. Which did.
-    fn turned(&mut self, turn: &[u32], seekers: &mut Seekers, forcing: f64) -> Vec<usize> {
+    fn turned(
+        &mut self,
+        turn: &[u32],
+        seekers: &mut Seekers,
+        raise: Raise,
+        forcing: f64,
+    ) -> Vec<usize> {
         turn.iter().for_each(|&v| seekers.tries[v as usize] += 1);
         let found = parallel::map_each(turn, |&v| {
             let v = v as usize;
-            let before = seekers.known[v].unwrap_or_else(|| self.worst_now(v));
-            debug_assert!(before == self.worst_now(v), "something moved there");
+            let before = seekers.known[v].unwrap_or_else(|| self.worth_now(v, raise));
+            debug_assert!(before == self.worth_now(v, raise), "something moved there");
             let (step, tries) = (seekers.steps[v], seekers.tries[v]);
-            (before, self.search(v, before, step, tries, forcing))
+            // Where the worst is bad, anything better is welcome.
+            let is_bad = raise == Raise::Worst && before < LOW;
+            let least = before + if is_bad { 0.0 } else { forcing * step };
+            (before, self.search(v, raise, step, tries, least))
         });
         let mut moved = Vec::new();
         for (&v, (before, found)) in turn.iter().zip(found) {
@@ -164,30 +188,55 @@ impl<E: Elements> Flow<'_, E> {
         turns
     }
 
-    /// The merit of the worst element around a vertex where all are.
-    fn worst_now(&self, v: usize) -> f64 {
-        self.worst_around(v, &Places::of(&self.vertices), f64::NEG_INFINITY, &mut 0)
+    /// What the elements around a vertex are worth where all are.
+    fn worth_now(&self, v: usize, raise: Raise) -> f64 {
+        let places = Places::of(&self.vertices);
+        match raise {
+            Raise::Worst => self.worst_around(v, &places, f64::NEG_INFINITY, &mut 0),
+            Raise::Mean(_) => self.mean_around(v, &places, f64::NEG_INFINITY),
+        }
     }
 
-    /// The best of eight places `step` away from a vertex, if one is better than `before`; the directions turn with the tries,
+    /// The best of eight places `step` away from a vertex, if one is worth more than `least`; the directions turn with the tries,
     /// since those in which the worst of several elements becomes better may be few.
     fn search(
         &self,
         v: usize,
-        before: f64,
+        raise: Raise,
         step: f64,
         tries: u32,
-        forcing: f64,
+        least: f64,
     ) -> Option<(Point3, Vector3)> {
         let places = Places::of(&self.vertices);
         let start = (self.vertices.positions[v], self.vertices.normals[v]);
         let mut refuser = 0;
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
-        let least = before + if before < LOW { 0.0 } else { forcing * step };
         let (ground, freedom) = (self.vertices.ground(v), self.vertices.freedom[v]);
+        let held = match raise {
+            Raise::Worst => f64::NEG_INFINITY,
+            Raise::Mean(held) => held.min(self.worth_now(v, Raise::Worst)),
+        };
         ground.best_around(start, way, freedom, least, |&place, least| {
-            self.worst_around(v, &places.but(v, place), least, &mut refuser)
+            let there = places.but(v, place);
+            match raise {
+                Raise::Worst => self.worst_around(v, &there, least, &mut refuser),
+                Raise::Mean(_) if self.worst_around(v, &there, held, &mut refuser) <= held => least,
+                Raise::Mean(_) => self.mean_around(v, &there, least),
+            }
         })
+    }
+
+    /// The mean of the merits around a vertex, or any number that is not above `floor` if it is not.
+    fn mean_around(&self, v: usize, places: &Places<'_>, floor: f64) -> f64 {
+        let around = self.elements.around(v);
+        let mean_of = |merit: &dyn Fn(usize) -> f64| -> f64 {
+            around.iter().map(|&e| merit(e as usize)).sum::<f64>() / around.len() as f64
+        };
+        let most = mean_of(&|e| self.elements.merit_at_most(e, places));
+        if most <= floor {
+            return most;
+        }
+        mean_of(&|e| self.elements.merit(e, places))
     }
 
     /// The merit of the worst element around a vertex, or any number that is not above `floor` if it is not. The element that was so
