@@ -25,6 +25,9 @@ const GOOD: f64 = 0.9;
 /// Elements below this are worked on one by one after it: just below the sine of 60°, the most that all corners at a vertex of
 /// three or six quads can have.
 const GOAL: f64 = 0.86;
+/// Those below this are no rectangles, and are worked on last, for so many rounds.
+const RECTANGLE: f64 = 0.95;
+const RISE: usize = 6;
 
 pub(crate) fn improve(
     mesh: TMesh,
@@ -159,6 +162,14 @@ fn lifted(
         if flow.worst(Cells::jacobian) < smallest {
             flow.vertices.put(kept);
         }
+        // The worst have had their places; what is left is for the mean.
+        let rise = Search {
+            goal: RECTANGLE,
+            rounds: options.rounds.min(RISE),
+            first: 0.1,
+            ..search
+        };
+        lifted += flow.lift_the_mean(&rise, GOAL)?;
     }
     Ok(lifted)
 }

@@ -47,7 +47,8 @@ pub struct QualityReport {
 
 /// Puts the vertices of a T-mesh onto a surface and moves them down the gradient of the corners' distortion (Eqs.
 /// 5.5–5.9, signed, with analytic derivatives), back onto the surface after each step; then those of the worst elements to
-/// where these are best. Elements keep the proportions of their sides. Vertices on the boundary of an open mesh stay
+/// where these are best, and of those that are no rectangles to where these are better in the mean. Elements keep the
+/// proportions of their sides. Vertices on the boundary of an open mesh stay
 /// on the surface's boundary, those on sharp edges on them if `crease` asks for it, corners of both where they are. With [`Method::Corners`](crate::Method) the
 /// smallest scaled Jacobian never falls below that of the mesh put onto the surface.
 ///

@@ -151,6 +151,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("surface::what_is_where_it_should_be_stays"),
     Fault::wrong(
+        "elements are left where the worst is best",
+        "crates/tspline/src/quality/improve.rs",
+        "lifted += flow.lift_the_mean(&rise, GOAL)?;",
+        "let _ = (&rise, GOAL);",
+    )
+    .seen_by("mesh::better_elements_lie_on_the_surface_and_none_is_worse"),
+    Fault::wrong(
         "elements too large for a surface are left",
         "crates/tspline/src/quality/improve.rs",
         "made.jacobians[*e] < options.least;",

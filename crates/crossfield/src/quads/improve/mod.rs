@@ -50,7 +50,8 @@ const POLISH: Search<Quads> = Search {
     rounds: 6,
     ..SEARCH
 };
-/// then those that are not nearly rectangles, for the sake of the mean while none falls below that again. Longer steps would make more of the sides uneven.
+/// then those that are not nearly rectangles, for the sake of the mean while none falls below that again. Longer steps would
+/// make more of the sides uneven.
 const RISE: Search<Quads> = Search {
     goal: 0.95,
     first: 0.1,

@@ -5,9 +5,9 @@
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert), a large one of a
 //! graph by block Davidson over multigrid: see [`Method`].
 //!
-//! Files: `parts.rs` finds the connected parts; `direct.rs` solves small ones; `lanczos.rs` and `davidson.rs` are the two iterations over the bases of
-//! `basis.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run elsewhere. Whatever found a
-//! pair, its residual is computed anew from K and M in f64.
+//! Files: `parts.rs` finds the connected parts; `direct.rs` solves small ones; `lanczos.rs` and `davidson.rs` are the two
+//! iterations over the bases of `basis.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run
+//! elsewhere. Whatever found a pair, its residual is computed anew from K and M in f64.
 
 pub mod backend;
 mod basis;
@@ -315,13 +315,9 @@ fn eigenpairs_on(
     let mut rows_done = 0;
     // Small parts, and those of which a third of the pairs is asked, are solved densely.
     let many = |rows: &[u32]| 3 * k > rows.len();
-    let small = |rows: &[u32]| {
-        rows.len()
-            <= if many(rows) {
-                LARGEST_DENSE
-            } else {
-                DENSE_ROWS
-            }
+    let most = |rows: &[u32]| match many(rows) {
+        true => LARGEST_DENSE,
+        false => DENSE_ROWS,
     };
     // Part by part, so that each has its own zero and no mode spans two.
     let solve = |rows: &[u32], report: &mut Report| {
@@ -339,7 +335,7 @@ fn eigenpairs_on(
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
-        if small(rows) {
+        if rows.len() <= most(rows) {
             direct::pairs(&pencil, wanted)
         } else if many(rows) {
             let rows = rows.len();
@@ -354,7 +350,8 @@ fn eigenpairs_on(
         }
         run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;
         let mut beside = parallel::map_each(some, |rows| {
-            small(rows).then(|| solve(rows, &mut Report::default()))
+            // Larger ones use all threads, and much memory.
+            (rows.len() <= DENSE_ROWS).then(|| solve(rows, &mut Report::default()))
         });
         for (i, (rows, found)) in some.iter().zip(&mut beside).enumerate() {
             run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;

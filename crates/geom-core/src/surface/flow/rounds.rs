@@ -73,7 +73,7 @@ impl<E: Elements> Flow<'_, E> {
         self.lift_with_care(how, Raise::Worst)
     }
 
-    /// The same, with places judged by the mean of the elements around a vertex in place of the worst: the mean of all rises with
+    /// The same, with places judged by the mean of the elements around a vertex in place of the worst: that of all rises with
     /// every move, where the sum of all distortions would rather have even sides. The worst around a vertex does not fall below
     /// `held` for it, nor at all where it is below.
     ///
