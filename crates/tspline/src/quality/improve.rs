@@ -169,7 +169,12 @@ fn lifted(
             first: 0.1,
             ..search
         };
+        let before = flow.vertices.state();
         lifted += flow.lift_the_mean(&rise, GOAL)?;
+        // What does not fall is the merit, which short sides may hold where the corners are better than that.
+        if flow.worst(Cells::jacobian) < smallest {
+            flow.vertices.put(before);
+        }
     }
     Ok(lifted)
 }
