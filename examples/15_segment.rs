@@ -23,7 +23,7 @@ struct Args {
     /// Mesh of triangles or quads (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
     #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
-    /// How many groups; about how many parts: what blurs is joined down to it, what has not come apart is fewer [default: sought]
+    /// How many groups; about how many parts: fewer where neighbours blur into each other, more where groups fall apart [default: sought]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=200))]
     groups: Option<u16>,
     /// The operator whose modes are used

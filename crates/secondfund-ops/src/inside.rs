@@ -20,4 +20,6 @@ pub use crate::pockets::measure::laws::{
     a_tunnel_has_two_mouths,
 };
 pub use crate::pockets::sites::laws::what_is_deep_is_asked_of_each_chain;
-pub use crate::segment::clean::laws::{borders_go_to_creases, neighbours_that_blur_are_joined};
+pub use crate::segment::clean::laws::{
+    borders_go_to_creases, necks_keep_parts_apart, neighbours_that_blur_are_joined,
+};

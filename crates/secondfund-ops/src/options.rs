@@ -204,8 +204,8 @@ pub struct PartOptions {
     /// Whose modes are cut; the first one's give the number of groups.
     /// Three by default: see the page of the crate. Each is as many votes as there are numbers of groups.
     pub operators: Vec<Operator>,
-    /// About how many parts are wanted; sought if none are. Neighbours that blur into each other are joined down to this number
-    /// at most; the surface may have more parts, or fewer that come apart.
+    /// About how many parts are wanted; sought if none are. The surface may have more, or fewer: neighbours that blur into each
+    /// other where there is no neck are one.
     pub groups: Option<usize>,
     /// Largest number of groups that is tried.
     /// 15 by default.

@@ -20,6 +20,7 @@ geom_core::laws! {
     what_is_deep_is_asked_of_each_chain
     borders_go_to_creases
     neighbours_that_blur_are_joined
+    necks_keep_parts_apart
 }
 
 /// None is handed out and forgotten here.

@@ -4,6 +4,9 @@
 //! and islands of a few faces where two groups are equally near. What people call a segment is connected, not tiny, and has a short
 //! border where no crease gives it another.
 
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;
 
@@ -169,53 +172,63 @@ fn diffusion(faces: &Faces, scale: f64) -> Result<(Cholesky<f64>, Vec<f64>), Err
     Ok((Cholesky::of(&matrix)?, masses))
 }
 
-/// Joins neighbours that the rows do not tell apart, those that blur the most first, as long as more parts than `least` are
-/// left, and renumbers by decreasing area; nothing is joined where one part would be left. Each of `all_rows` has a say.
+/// Joins the two neighbours that blur into each other the most, as long as there are such, and renumbers by decreasing
+/// area; where one part would be left nothing is joined. Each of `all_rows` has a say.
 ///
 /// Groups around medoids have much the same area each, so that a large part falls into several. Pieces of one part blur
 /// into each other: their spreads together are more than the distance of their middles, a ratio of Davies and Bouldin above
-/// 1, here in the mean over the rows. All pairs are judged as they are at first: what is joined spreads farther, and would
-/// take in the rest.
-pub(super) fn join_blurred(
-    faces: &Faces,
-    all_rows: &[Rows],
-    labels: &[u32],
-    least: usize,
-) -> Vec<u32> {
+/// 1, in the mean over the rows. A border that is short beside the smaller of the two is a neck, though, where people cut
+/// (the short-cut rule: Singh, Seyranian and Hoffman, *Parsing silhouettes*, 1999), and what is beyond it may lie as near
+/// as it likes: the ratio counts by [`Place::neck`]. What is joined spreads farther and is judged anew.
+pub(super) fn join_blurred(faces: &Faces, all_rows: &[Rows], labels: &[u32]) -> Vec<u32> {
+    let mut parts = by_area(faces, labels);
+    while let Some((kept, joined)) = most_blurred(faces, all_rows, &parts) {
+        if parts.iter().all(|p| [kept, joined].contains(p)) {
+            return by_area(faces, labels);
+        }
+        for part in parts.iter_mut().filter(|p| **p == joined) {
+            *part = kept;
+        }
+        parts = by_area(faces, &parts);
+    }
+    parts
+}
+
+/// The pair of neighbours whose ratio is the largest above 1; of equal ones the first.
+fn most_blurred(faces: &Faces, all_rows: &[Rows], parts: &[u32]) -> Option<(u32, u32)> {
     let places: Vec<Vec<Place>> = all_rows
         .iter()
-        .map(|rows| Place::of_parts(faces, rows, labels))
+        .map(|rows| Place::of_parts(faces, rows, parts))
         .collect();
-    let ratio = |(a, b): (u32, u32)| {
-        let ratios = places
-            .iter()
-            .map(|place| place[a as usize].over_distance(&place[b as usize]));
-        ratios.sum::<f64>() / places.len() as f64
+    let ratio = |&((a, b), border): &((u32, u32), f64)| {
+        let of_rows = places.iter().map(|places| {
+            let (a, b) = (&places[a as usize], &places[b as usize]);
+            a.over_distance(b) * a.neck(b, border)
+        });
+        of_rows.sum::<f64>() / places.len() as f64
     };
-    let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
-    let neighbours = (0..faces.len()).flat_map(|f| {
-        let links = faces.links(f).iter();
-        links.map(move |link| (labels[f], labels[link.face as usize]))
-    });
-    let mut neighbours: Vec<(u32, u32)> = neighbours.filter(|(a, b)| a < b).collect();
-    neighbours.sort_unstable();
-    neighbours.dedup();
-    let judged = neighbours.into_iter().map(|pair| (ratio(pair), pair));
-    let mut blurred: Vec<_> = judged.filter(|(ratio, _)| *ratio > 1.0).collect();
-    blurred.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
-    let (mut sets, mut left) = (DisjointSets::new(count), count);
-    for (_, (a, b)) in blurred {
-        if left > least && sets.find(a) != sets.find(b) {
-            sets.join(a, b);
-            left -= 1;
+    let mut best = (1.0, None);
+    for pair in borders(faces, parts) {
+        let ratio = ratio(&pair);
+        if ratio > best.0 {
+            best = (ratio, Some(pair.0));
         }
     }
-    if left == 1 {
-        return by_area(faces, labels);
+    best.1
+}
+
+/// Pairs of neighbours, the lower number first, and the lengths of their borders.
+fn borders(faces: &Faces, parts: &[u32]) -> BTreeMap<(u32, u32), f64> {
+    let mut lengths = BTreeMap::new();
+    for (f, &a) in parts.iter().enumerate() {
+        for link in faces.links(f) {
+            let b = parts[link.face as usize];
+            if a < b {
+                *lengths.entry((a, b)).or_insert(0.0) += link.length;
+            }
+        }
     }
-    let roots = sets.into_roots();
-    let joined: Vec<u32> = labels.iter().map(|&l| roots[l as usize]).collect();
-    by_area(faces, &joined)
+    lengths
 }
 
 /// Where the rows of a part lie.
@@ -264,6 +277,13 @@ impl Place {
         let squares = middles.map(|(a, b)| (a - b).powi(2));
         (self.spread + other.spread) / squares.sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
     }
+
+    /// The length of a common border over that of a half sphere as large as the smaller of the two, at most 1: halves of a
+    /// sphere have no neck between them.
+    fn neck(&self, other: &Self, border: f64) -> f64 {
+        let area = self.area.min(other.area);
+        (border / (TAU * area).sqrt()).min(1.0)
+    }
 }
 
 /// Labels 0, 1, … by decreasing area.
@@ -297,46 +317,69 @@ pub(crate) mod laws {
     /// Four squares in a row: the first two are places of much the same rows, the last has the rows of the first. The
     /// first two are one part, the last is none of theirs.
     pub fn neighbours_that_blur_are_joined() {
+        let parts = |middles: [f32; 4]| row_of_squares(middles, 6);
+        let [a, b, c, d] = parts([0.0, 0.1, 3.0, 0.0]);
+        assert!(a == b && c != a && d != a && d != c, "{:?}", [a, b, c, d]);
+        let [a, b, c, d] = parts([0.0, 3.0, 6.0, 0.0]);
+        assert!(a != b && b != c && c != d && a != d);
+        // Where nothing is apart, nothing is joined.
+        let mut rest = parts([0.0; 4]);
+        rest.sort_unstable();
+        assert_eq!(rest, [0, 1, 2, 3]);
+    }
+
+    /// Rows that blur across the whole width of a strip do not across a neck of a sixth of it.
+    pub fn necks_keep_parts_apart() {
+        let middles = [0.0, 0.1, 3.0, 6.0];
+        let [a, b, c, d] = row_of_squares(middles, 6);
+        assert!(a == b && b != c && c != d, "{:?}", [a, b, c, d]);
+        let [a, b, c, d] = row_of_squares(middles, 1);
+        assert!(a != b && b != c && c != d, "{:?}", [a, b, c, d]);
+    }
+
+    /// The parts of four squares of six sides each in a row, of which neighbours share `width` sides, where the rows of each
+    /// lie around a number of its own, in one of eight coordinates.
+    fn row_of_squares(middles: [f32; 4], width: u32) -> [u32; 4] {
         let (long, wide) = (24u32, 6u32);
         let at = |i: u32, j: u32| j * (long + 1) + i;
         let positions = (0..=wide)
             .flat_map(|j| (0..=long).map(move |i| Point3::new(f64::from(i), f64::from(j), 0.0)));
-        let triangles = (0..wide * long).flat_map(|q| {
+        let mut positions: Vec<Point3> = positions.collect();
+        let mut triangles = Vec::new();
+        let mut square = Vec::new();
+        for q in 0..wide * long {
             let (i, j) = (q % long, q / long);
-            let [a, b] = [at(i, j), at(i + 1, j)];
-            let [c, d] = [at(i + 1, j + 1), at(i, j + 1)];
-            [[a, b, c], [a, c, d]]
-        });
-        let mesh = TriMesh::new(positions.collect(), triangles.collect()).unwrap();
+            let [mut a, b] = [at(i, j), at(i + 1, j)];
+            let [c, mut d] = [at(i + 1, j + 1), at(i, j + 1)];
+            // Above the common sides a square has corners of its own.
+            if i > 0 && i % 6 == 0 {
+                for corner in [&mut a, &mut d] {
+                    if *corner / (long + 1) > width {
+                        positions.push(positions[*corner as usize]);
+                        *corner = positions.len() as u32 - 1;
+                    }
+                }
+            }
+            triangles.extend([[a, b, c], [a, c, d]]);
+            square.extend([i / 6; 2]);
+        }
+        let mesh = TriMesh::new(positions, triangles).unwrap();
         let faces = Faces::from(&mesh);
-        let square = |f: usize| f as u32 / 2 % long / 6;
-        let labels: Vec<u32> = (0..faces.len()).map(square).collect();
-        let parts = |middles: [f32; 4], least: usize| {
-            let mut random = SplitMix64::new(3);
-            let vertices = mesh.positions().len();
-            let row = |v: usize| {
-                let column = (v as u32 % (long + 1)).min(long - 1);
-                let noise: Vec<f32> = (0..7).map(|_| random.unit() as f32).collect();
-                [vec![middles[column as usize / 6]], noise].concat()
-            };
-            let rows = Rows {
-                width: 8,
-                values: (0..vertices).flat_map(row).collect(),
-            };
-            let joined = join_blurred(&faces, &[rows], &labels, least);
-            [0, 12, 24, 36].map(|f: usize| joined[f])
+        let mut of_vertices = vec![0; mesh.positions().len()];
+        for (triangle, &s) in mesh.triangles().iter().zip(&square) {
+            triangle.iter().for_each(|&v| of_vertices[v as usize] = s);
+        }
+        let mut random = SplitMix64::new(3);
+        let rows = of_vertices.iter().flat_map(|&s: &u32| {
+            let noise: Vec<f32> = (0..7).map(|_| random.unit() as f32).collect();
+            [vec![middles[s as usize]], noise].concat()
+        });
+        let rows = Rows {
+            width: 8,
+            values: rows.collect(),
         };
-        let [a, b, c, d] = parts([0.0, 0.3, 9.0, 0.0], 1);
-        assert!(a == b && c != a && d != a && d != c, "{:?}", [a, b, c, d]);
-        let [a, b, c, d] = parts([0.0, 5.0, 9.0, 0.0], 1);
-        assert!(a != b && b != c && c != d && a != d);
-        // Where nothing is apart, nothing is joined.
-        let mut rest = parts([0.0; 4], 1);
-        rest.sort_unstable();
-        assert_eq!(rest, [0, 1, 2, 3]);
-        // Of three that blur the two nearest are joined if three parts are wanted.
-        let [a, b, c, d] = parts([0.6, 0.0, 0.1, 9.0], 3);
-        assert!(b == c && a != b && d != a && d != b, "{:?}", [a, b, c, d]);
+        let joined = join_blurred(&faces, &[rows], &square);
+        [0, 12, 24, 36].map(|f: usize| joined[f])
     }
 
     /// On a folded sheet a border beside the fold goes to it; on a flat one a straight border stays.

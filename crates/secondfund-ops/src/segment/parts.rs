@@ -34,7 +34,7 @@ const NEARLY: f64 = 0.98;
 
 /// The parts of a body: the modes of each operator are cut into the sought number of groups, one less and one more
 /// (those around a wanted number, too), and the [`consensus`] of all is cut into connected parts with straight borders.
-/// Neighbours that the operators do not tell apart are one part, unless fewer than wanted were left.
+/// Neighbours that the operators do not tell apart, and between which there is no neck, are one part.
 ///
 /// Triangles are best given [`Normals::without_detail`](crate::Normals::without_detail): curls of hair are no parts then.
 ///
@@ -115,7 +115,7 @@ fn parts_on(
     let count = areas_of(faces, &labels).len().saturating_sub(1);
     let count = count.clamp(SEARCH_MODES, MOST_MODES);
     let rows: Vec<Rows> = spectra.iter().map(|modes| Rows::of(modes, count)).collect();
-    let labels = join_blurred(faces, &rows, &labels, options.groups.unwrap_or(1));
+    let labels = join_blurred(faces, &rows, &labels);
     Ok(Parts {
         areas: areas_of(faces, &labels),
         labels,

@@ -115,20 +115,20 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "parts that blur into each other stay apart",
         "crates/secondfund-ops/src/segment/clean.rs",
-        "judged.filter(|(ratio, _)| *ratio > 1.0)",
-        "judged.filter(|(ratio, _)| *ratio > 90.0)",
+        "let mut best = (1.0, None);",
+        "let mut best = (90.0, None);",
     ),
     Fault::wrong(
-        "parts are joined beyond the number that is wanted",
+        "parts are joined across a neck",
         "crates/secondfund-ops/src/segment/clean.rs",
-        "if left > least && sets.find(a)",
-        "if left > 0 * least && sets.find(a)",
+        "(border / (TAU * area).sqrt()).min(1.0)",
+        "(border / (TAU * area).sqrt()).max(1.0)",
     ),
     Fault::wrong(
         "parts that are no neighbours are joined",
         "crates/secondfund-ops/src/segment/clean.rs",
-        "links.map(move |link| (labels[f], labels[link.face as usize]))",
-        "links.map(move |link| (labels[f], labels[faces.len() - 1 - link.face as usize]))",
+        "let b = parts[link.face as usize];",
+        "let b = parts[faces.len() - 1 - link.face as usize];",
     ),
     Fault::wrong(
         "tiny patches stay",
