@@ -178,7 +178,9 @@ pub(crate) fn parameterized_within(
     run: On<'_>,
 ) -> Result<(), Error> {
     let (effort, ends) = Unfolding::alone(mesh.triangles().len());
-    effort.spend((effort.left() - evaluations) as usize);
+    for effort in [&effort, &ends.integers] {
+        effort.spend((effort.left() - evaluations) as usize);
+    }
     let unfolding = Unfolding {
         effort: &effort,
         ends: &ends,
@@ -218,7 +220,7 @@ pub(crate) fn unfolding_costs(
     options: &[MapOptions],
     run: On<'_>,
 ) -> Result<Vec<Option<f64>>, Error> {
-    let ends = Ends::default();
+    let ends = Ends::of(mesh.triangles().len());
     let of = |options: &MapOptions| {
         let (cut, seams, charts) = prepared(mesh, frames, field, options, Vec::new(), MOST_DENSE)?;
         let effort = Effort::of(charts.len());

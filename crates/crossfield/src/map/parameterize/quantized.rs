@@ -38,13 +38,6 @@ struct Widened {
 }
 
 impl<'a> Making<'a> {
-    fn means(&self) -> Means<'_> {
-        Means {
-            effort: self.unfolding.effort,
-            run: self.run,
-        }
-    }
-
     /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, other integers are
     /// found, on a denser grid if need be and brought back, that hold the decimated map upright.
     ///
@@ -58,12 +51,31 @@ impl<'a> Making<'a> {
         relaxed: &mut Optimum<'a>,
         widening: Option<Widening<'_>>,
     ) -> Result<Option<Rounded>, Error> {
+        let ends = self.unfolding.ends;
+        // The other half is for closer lines.
+        let effort = ends.integers.share(2);
+        let means = Means {
+            effort: &effort,
+            run: self.run,
+        };
+        let rounded = self.quantized_by(means, relaxed, widening);
+        ends.integers.give_back(&effort);
+        rounded
+    }
+
+    /// The same with these means.
+    fn quantized_by(
+        &mut self,
+        means: Means<'_>,
+        relaxed: &mut Optimum<'a>,
+        widening: Option<Widening<'_>>,
+    ) -> Result<Option<Rounded>, Error> {
         let Optimum {
             weighted,
             w,
             corners,
         } = relaxed;
-        let energy = self.energy_of_integers(weighted, w)?;
+        let energy = self.energy_of_integers(weighted, w, means)?;
         let rounded = energy.rounded(self.run)?;
         let direct = Rounded {
             w: weighted.values_for(&rounded)?,
@@ -90,7 +102,7 @@ impl<'a> Making<'a> {
         let mut z = rounded;
         let turned = |z: &[f64]| self.turned(&decimated, z);
         if !upright.holds(&z) || !turned(&z).is_empty() {
-            let other = energy.rounded_within(&mut upright, &turned, self.means())?;
+            let other = energy.rounded_within(&mut upright, &turned, means)?;
             let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
                 let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.w));
@@ -110,7 +122,7 @@ impl<'a> Making<'a> {
             z: wider,
             mut spread,
             is_narrow,
-        } = self.widened(&decimated, upright, &z, &*energy, narrow)?;
+        } = self.widened(&decimated, upright, &z, &*energy, narrow, means)?;
         drop((decimated, energy));
         self.report.respaced |= wider != z;
         if let Some(spread) = &mut spread {
@@ -140,6 +152,7 @@ impl<'a> Making<'a> {
         &self,
         weighted: &mut Weighted<'_>,
         w: &[f64],
+        means: Means<'_>,
     ) -> Result<Box<dyn Energy>, Error> {
         /// What a sparse factor costs, in evaluations of the energy of all triangles.
         const FACTOR: usize = 20;
@@ -152,7 +165,7 @@ impl<'a> Making<'a> {
             false => regions * (cube(most_dense) + FACTOR * self.system.charts.len()),
         };
         // Asked for before it is begun.
-        if !self.unfolding.effort.spend(cost) {
+        if !means.effort.spend(cost) {
             return Err(Error::Integers { integers });
         }
         if is_dense {
@@ -206,6 +219,7 @@ impl<'a> Making<'a> {
         z: &[f64],
         energy: &dyn Energy,
         narrow: Option<&dyn Fn(&Spread) -> Narrow>,
+        means: Means<'_>,
     ) -> Result<Widened, Error> {
         let mut now = Widened {
             z: z.to_vec(),
@@ -223,7 +237,7 @@ impl<'a> Making<'a> {
             }
             upright.add(&found.wider);
             let turned = |z: &[f64]| self.turned(decimated, z);
-            let Some(z) = energy.mended(&now.z, &mut upright, &turned, self.means())? else {
+            let Some(z) = energy.mended(&now.z, &mut upright, &turned, means)? else {
                 break;
             };
             let Some(wider) = self.spread(decimated, &z) else {

@@ -55,9 +55,11 @@ impl Effort {
     }
 }
 
-/// Where unfolding without integers has led with the maps of a field.
-#[derive(Debug, Default)]
+/// What the maps of one field leave to each other: where unfolding without integers has led, and work.
+#[derive(Debug)]
 pub(crate) struct Ends {
+    /// What may be done for integers: an effort of its own, since an upright map is worth its integers however hard it was to unfold.
+    pub(crate) integers: Effort,
     /// The unknowns of the last map that came out upright.
     pub(crate) upright: RefCell<Option<Vec<f64>>>,
     /// The last that did not, or where the next one starts.
@@ -65,6 +67,15 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
+    /// Of a field of so many triangles that has no map yet.
+    pub(crate) fn of(triangles: usize) -> Self {
+        Self {
+            integers: Effort::of(triangles),
+            upright: RefCell::default(),
+            folded: RefCell::default(),
+        }
+    }
+
     /// Does the next map start from a folded one?
     pub(crate) fn is_folded(&self) -> bool {
         self.folded.borrow().is_some()
@@ -93,6 +104,6 @@ pub(crate) struct Unfolding<'a> {
 impl Unfolding<'_> {
     /// What a single map of so many triangles may use.
     pub(crate) fn alone(triangles: usize) -> (Effort, Ends) {
-        (Effort::of(triangles), Ends::default())
+        (Effort::of(triangles), Ends::of(triangles))
     }
 }

@@ -67,7 +67,7 @@ impl Finer {
 
     /// What its map is made of.
     pub(super) fn mapping(&self) -> Mapping<'_> {
-        let ends = Ends::default();
+        let ends = Ends::of(self.part.mesh.triangles().len());
         ends.folded.replace(Some(self.start.clone()));
         Mapping {
             part: &self.part,

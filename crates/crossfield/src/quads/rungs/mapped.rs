@@ -59,7 +59,7 @@ impl<'a> Mapping<'a> {
             smooth,
             field,
             metric,
-            ends: Ends::default(),
+            ends: Ends::of(part.mesh.triangles().len()),
         }
     }
 
