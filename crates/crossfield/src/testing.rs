@@ -182,9 +182,9 @@ pub fn settled(
     crate::map::settled(evaluations, mesh, frames, field, options, run)
 }
 
-/// What comes of a map that may cost so many evaluations of a triangle.
+/// What comes of a map that may cost so many evaluations of a triangle to unfold, and so many for its integers.
 pub fn parameterized_within(
-    evaluations: u64,
+    evaluations: [u64; 2],
     mesh: &TriMesh,
     frames: &Frames,
     field: &CrossField,

@@ -32,6 +32,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::round_holes_have_four_irregular_vertices_each"),
     Fault::wrong(
+        "integers are refused for what unfolding has used",
+        "crates/crossfield/src/map/parameterize/quantized.rs",
+        "let effort = ends.integers.share(2);",
+        "let effort = self.unfolding.effort.share(2);",
+    )
+    .seen_by("laws::too_many_integers_are_refused"),
+    Fault::wrong(
         "no vertex of a rim without corners is pinned",
         "crates/crossfield/src/map/parameterize/quantized.rs",
         "let may_pin = self.system.seams.pinned.is_empty();",

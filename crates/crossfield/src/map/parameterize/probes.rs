@@ -170,7 +170,7 @@ pub(crate) fn settled(
 
 /// See `testing::parameterized_within`.
 pub(crate) fn parameterized_within(
-    evaluations: u64,
+    evaluations: [u64; 2],
     mesh: &TriMesh,
     frames: &Frames,
     field: &CrossField,
@@ -178,8 +178,8 @@ pub(crate) fn parameterized_within(
     run: On<'_>,
 ) -> Result<(), Error> {
     let (effort, ends) = Unfolding::alone(mesh.triangles().len());
-    for effort in [&effort, &ends.integers] {
-        effort.spend((effort.left() - evaluations) as usize);
+    for (effort, evaluations) in [&effort, &ends.integers].into_iter().zip(evaluations) {
+        effort.spend(effort.left().saturating_sub(evaluations) as usize);
     }
     let unfolding = Unfolding {
         effort: &effort,
