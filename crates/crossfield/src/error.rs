@@ -73,8 +73,8 @@ pub enum Error {
         "the work that so many triangles are worth has been done; fewer quads or a larger smoothing help"
     )]
     Spent,
-    /// The map has too many integers, two or so for each singular vertex and each handle, for what is left of the work that so many
-    /// triangles are worth.
+    /// The map has too many integers, two or so for each singular vertex and each handle, for the work that so many triangles are
+    /// worth.
     #[error(
         "the map has {integers} integers, more than so many triangles are worth; fewer quads, a larger smoothing or singularity penalty help"
     )]

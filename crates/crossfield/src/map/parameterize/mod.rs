@@ -66,7 +66,7 @@ pub struct MapOptions {
 /// # Errors
 /// [`Error::Folded`] says where what came out is no integer-grid map: a triangle is inverted, or lines turn too far around a
 /// vertex. A smaller spacing, finer triangles or another field may help, which is what [`quadrangulate`](crate::quadrangulate)
-/// tries by itself. [`Error::Integers`] for more of these than the work that is left is enough for. [`Error::Option`] names a spacing or
+/// tries by itself. [`Error::Integers`] for more of these than so many triangles are worth. [`Error::Option`] names a spacing or
 /// a half-edge that makes no sense.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
@@ -162,7 +162,7 @@ fn laid(
     let system = System::new(cut, seams, charts);
     let mut making = Making::new(mesh, frames, field, system, unfolding, run);
     run.progress("map", 0, 3)?;
-    // What is upright shall have its integers.
+    // What integers fold is to be unfolded, too.
     let reserve = unfolding.effort.share(RESERVE);
     let relaxed = making.relaxed();
     unfolding.effort.give_back(&reserve);

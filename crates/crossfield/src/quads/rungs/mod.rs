@@ -410,7 +410,7 @@ impl Rungs<'_> {
             false => (&[NEARLY, ROUGHER[0]], &ROUGHER[1..]),
         };
         for &factor in near {
-            // A budget of their own, also where the field asked for has too many integers for what was left: another may fold less.
+            // A budget of their own, also where the field asked for has too many integers: another may have fewer.
             let all = self.all();
             let left = std::mem::replace(&mut self.effort, all);
             let made = self.with_field(part, wishes, factor, Rung::Rougher)?;
