@@ -853,7 +853,8 @@ fn rough_field(mesh: &TriMesh) -> (Frames, CrossField) {
     (frames, field)
 }
 
-/// More integers than the effort is worth are refused before their matrices are made. What unfolding has used is not taken from them.
+/// More integers than the effort is worth are refused before their matrices are made. What unfolding has used is not taken
+/// from them.
 #[test]
 fn too_many_integers_are_refused() {
     let mesh = dented_torus([48, 20], 0.05, 50);

@@ -58,7 +58,8 @@ impl Effort {
 /// What the maps of one field leave to each other: where unfolding without integers has led, and work.
 #[derive(Debug)]
 pub(crate) struct Ends {
-    /// What may be done for integers: an effort of its own, since an upright map is worth its integers however hard it was to unfold.
+    /// What may be done for integers: an effort of its own, since an upright map is worth its integers however hard it was to
+    /// unfold.
     pub(crate) integers: Effort,
     /// The unknowns of the last map that came out upright.
     pub(crate) upright: RefCell<Option<Vec<f64>>>,
