@@ -1,5 +1,6 @@
 //! The sparse solver face against dense arithmetic and itself.
 
+use geom_core::algebra::eigen::{self, eigenpairs};
 use geom_core::algebra::iterate::Options;
 use geom_core::algebra::{
     Cholesky, Error, Jacobi, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
@@ -11,6 +12,7 @@ use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Complex, DMatrix};
 use geom_core::surface::laplace::{self, EdgeWeights};
 use geom_core::testing::same_on_any_threads;
+use geom_core::{Cpu, Run};
 use proptest::prelude::*;
 
 /// Numbers in −1…1.
@@ -436,6 +438,83 @@ fn wide_fronts() {
         let spoilt = matrix.map(|i, j, a| if (i, j) == (row, row) { -a } else { a });
         let found = Cholesky::of(&spoilt).unwrap_err();
         assert_eq!(found, Error::NotPositiveDefinite { row });
+    }
+}
+
+/// Of a matrix that is not definite: solutions, and as many negative pivots as eigenvalues.
+#[test]
+fn signs_of_pivots() {
+    let solves = |matrix: &SparseMatrix, below: usize| {
+        let n = matrix.rows();
+        let symbolic = Symbolic::of(matrix).unwrap();
+        let factor = symbolic.factor_signed(matrix).unwrap().unwrap();
+        assert_eq!(factor.negative(), below);
+        assert_eq!(symbolic.negative_eigenvalues(matrix).unwrap(), Some(below));
+        for columns in [1, 3, 8, 17] {
+            let exact = values(n * columns, 5);
+            let b = matrix.multiply(&exact, columns);
+            let x = factor.solve(&b, columns).unwrap();
+            assert!(largest(&x, &exact) < 1e-7, "{}", largest(&x, &exact));
+            same_on_any_threads(|| {
+                let factor = symbolic.factor_signed(matrix).unwrap().unwrap();
+                factor.solve(&b, columns).unwrap()
+            });
+        }
+        let one = Error::RightHandSide {
+            found: n + 1,
+            expected: n,
+        };
+        assert_eq!(factor.solve(&vec![0.0; n + 1], 1).unwrap_err(), one);
+        assert!(factor.solve(&[], 0).unwrap().is_empty());
+    };
+    // In fronts of many sizes; eigenvalues by searches from below.
+    let mesh = shapes::torus(3.0, 1.0, 60, 33);
+    let (stiffness, mass) = (
+        laplace::stiffness(&mesh).unwrap(),
+        laplace::lumped_mass(&mesh),
+    );
+    let from_below = eigen::Options {
+        shift: Some(-0.01),
+        ..eigen::Options::default()
+    };
+    let pairs = eigenpairs(&stiffness, &mass, 40, &from_below, Run::on(&Cpu)).unwrap();
+    for count in [1, 9, 21, 40] {
+        // The middle of a gap behind so many.
+        let gap = (count..40).find(|&k| pairs.values[k] > 1.01 * pairs.values[k - 1]);
+        let (shift, below) = match gap {
+            Some(k) => (f64::midpoint(pairs.values[k - 1], pairs.values[k]), k),
+            None => (-1.0, 0),
+        };
+        solves(&screened(-shift), below);
+    }
+    // In one front of several slabs.
+    let n = 200;
+    let chance = values(n * n, 6);
+    let entry = |i: usize, j: usize| {
+        let diagonal = if i.is_multiple_of(3) { -60.0 } else { 60.0 };
+        let off = chance[i.min(j) * n + i.max(j)];
+        (i as u32, j as u32, if i == j { diagonal } else { off })
+    };
+    let entries: Vec<_> = (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).collect();
+    let entries: Vec<_> = entries.into_iter().map(|(i, j)| entry(i, j)).collect();
+    solves(
+        &SparseMatrix::from_triplets(n, n, &entries).unwrap(),
+        n.div_ceil(3),
+    );
+    // Small, without fronts.
+    let small = [(0, 0, 1.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 1.0)];
+    solves(&SparseMatrix::from_triplets(2, 2, &small).unwrap(), 1);
+}
+
+#[test]
+fn a_pivot_that_vanishes_is_no_factor() {
+    for n in [2, 200] {
+        let pairs = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+        let entries: Vec<_> = pairs.map(|(i, j)| (i, j, f64::from(i != j))).collect();
+        let matrix = SparseMatrix::from_triplets(n as usize, n as usize, &entries).unwrap();
+        let symbolic = Symbolic::of(&matrix).unwrap();
+        assert!(symbolic.factor_signed(&matrix).unwrap().is_none());
+        assert_eq!(symbolic.negative_eigenvalues(&matrix).unwrap(), None);
     }
 }
 

@@ -57,7 +57,11 @@ fn sphere_converges_with_second_order() {
 fn bits_do_not_depend_on_threads() {
     let mesh = shapes::torus(3.0, 1.0, 40, 24);
     same_on_any_threads(|| {
-        let pairs = modes(&mesh, 12);
+        let mut pairs = modes(&mesh, 12);
+        // From below all of them, and from their middle.
+        let many = modes(&mesh, 24);
+        pairs.values.extend(many.values);
+        pairs.vectors.extend(many.vectors);
         (pairs.values, pairs.vectors)
     });
 }
@@ -270,6 +274,58 @@ fn weights_of_many_orders_take_no_restart() {
     let pairs = eigenpairs(&stiffness, &mass, 20, &Options::default(), Run::on(&Cpu)).unwrap();
     check(&pairs, 20);
     assert_eq!(pairs.report.restarts, 0, "{:?}", pairs.report);
+}
+
+/// From the middle of the wanted eigenvalues all of them are the same as from below, also the lowest, and come for fewer solves.
+#[test]
+fn the_middle_of_the_spectrum() {
+    let solved = |stiffness: &SparseMatrix, mass: &Mass, k: usize, shift: Option<f64>| {
+        let options = Options {
+            shift,
+            tolerance: 1e-10,
+            ..Options::default()
+        };
+        let pairs = eigenpairs(stiffness, mass, k, &options, Run::on(&Cpu)).unwrap();
+        assert!(pairs.report.converged, "{:?}", pairs.residuals);
+        pairs
+    };
+    let mesh = potato();
+    let lumped = laplace::lumped_mass(&mesh);
+    let Mass::Lumped(masses) = &lumped else {
+        unreachable!()
+    };
+    let stiffness = laplace::stiffness(&mesh).unwrap();
+    // No eigenvalue is zero with the mass added, and none is known.
+    let screened = stiffness.plus(0.5, &SparseMatrix::diagonal_of(masses));
+    let (screened, consistent) = (screened.unwrap(), laplace::consistent_mass(&mesh).unwrap());
+    for (stiffness, mass) in [
+        (&stiffness, &lumped),
+        (&screened, &lumped),
+        (&stiffness, &consistent),
+    ] {
+        for k in [16, 40, 150] {
+            let middle = solved(stiffness, mass, k, None);
+            let below = solved(stiffness, mass, k, Some(-0.1));
+            same_values(&below, &middle, 1.0);
+            let (few, many) = (middle.report.solves, below.report.solves);
+            assert!(few < many, "{few} of {many}");
+            assert_eq!(middle.report.restarts, 0);
+        }
+    }
+    // Values of many copies, of which a block of eight finds no more at once.
+    let exact = of_flat_torus(60, 60, 0.25);
+    let (stiffness, mass) = flat_torus(60, 60, 0.25);
+    let pairs = solved(&stiffness, &mass, 120, None);
+    for (found, exact) in pairs.values.iter().zip(&exact) {
+        assert!((found - exact).abs() <= 1e-9 * exact.max(0.01));
+    }
+    let unit = |i: usize, j: usize| {
+        let products = pairs.vectors[i].iter().zip(&pairs.vectors[j]);
+        products.map(|(x, y)| x * y * 0.0625).sum::<f64>()
+    };
+    for (i, j) in (0..120).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+        assert!((unit(i, j) - f64::from(i == j)).abs() < 1e-10);
+    }
 }
 
 /// A rectangle a × b with free borders: π² (p²/a² + q²/b²).

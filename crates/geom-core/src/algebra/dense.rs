@@ -197,6 +197,17 @@ pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
     parts.flatten().collect()
 }
 
+/// The block of some columns, not none.
+pub(crate) fn together(columns: &[impl AsRef<[f64]> + Sync]) -> Vec<f64> {
+    let mut block = vec![0.0; columns[0].as_ref().len() * columns.len()];
+    parallel::for_chunks(&mut block, columns.len(), |i, row| {
+        for (x, column) in row.iter_mut().zip(columns) {
+            *x = column.as_ref()[i];
+        }
+    });
+    block
+}
+
 /// `Σ weight(i) x_i²` of each column.
 pub(crate) fn squares(
     block: &[f64],

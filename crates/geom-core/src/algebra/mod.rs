@@ -30,7 +30,7 @@ mod tall;
 #[cfg(feature = "testing")]
 #[doc(hidden)]
 pub use cholesky::substitution;
-pub use cholesky::{Cholesky, SingleFactor, Symbolic};
+pub use cholesky::{Cholesky, SignedFactor, SingleFactor, Symbolic};
 pub use iterate::{Jacobi, LinearMap, Preconditioner, Solution, conjugate_gradients, refine};
 pub use mass::Mass;
 pub use operator::Operator;

@@ -13,8 +13,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "a shift far below lets the blocks of a basis drift as far as the usual one",
         "crates/geom-core/src/algebra/eigen/lanczos.rs",
-        "DRIFT * (usual / shift).abs().min(1.0)",
-        "DRIFT",
+        "let alike = (usual / shift).abs().min(1.0);",
+        "let alike = (usual / shift).abs().max(1.0).min(1.0);",
     )
     .seen_by("spectral::many_restarts_lose_no_orthogonality"),
     Fault::wrong(
@@ -33,11 +33,39 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("spectral::many_parts_give_what_each_gives_alone"),
     Fault::wrong(
         "the shift is of the size of the largest weights",
-        "crates/geom-core/src/algebra/eigen/lanczos.rs",
+        "crates/geom-core/src/algebra/eigen/shifting.rs",
         "let half = diagonal.len() / 2;",
         "let half = diagonal.len() - 1;",
     )
     .seen_by("spectral::weights_of_many_orders_take_no_restart"),
+    Fault::wrong(
+        "what a column with a negative pivot subtracts has the sign of one with a positive",
+        "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
+        "let factor = simd.splat_f64s(sign * b[c]);",
+        "let factor = simd.splat_f64s(sign * sign * b[c]);",
+    )
+    .seen_by("solver::signs_of_pivots"),
+    Fault::wrong(
+        "unknowns of negative pivots keep their sign between the two substitutions",
+        "crates/geom-core/src/algebra/cholesky/mod.rs",
+        "x[row as usize].iter_mut().for_each(|x| *x = -*x);",
+        "x[row as usize].iter_mut().for_each(|x| *x = *x);",
+    )
+    .seen_by("solver::signs_of_pivots"),
+    Fault::wrong(
+        "what errors of solutions leave in residuals stays there",
+        "crates/geom-core/src/algebra/eigen/lanczos.rs",
+        "far.retain(|_| found.next().is_some_and(|r| r > allowed));",
+        "far.retain(|_| found.next().is_none());",
+    )
+    .seen_by("spectral::the_middle_of_the_spectrum"),
+    Fault::wrong(
+        "Ritz values below the shift come in the order of those above it",
+        "crates/geom-core/src/algebra/eigen/lanczos.rs",
+        "row[..below].reverse();\n            row[below..].reverse();",
+        "row.reverse();",
+    )
+    .seen_by("spectral::the_middle_of_the_spectrum"),
     Fault::wrong(
         "of the two newest blocks only one loses what rounding brought back",
         "crates/geom-core/src/algebra/eigen/basis.rs",
@@ -253,8 +281,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "the slabs of a wide front do not change what is right of them",
         "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
-        "take(slab, height, behind, height, (to, 0));",
-        "take(slab, height, &mut [], height, (to, 0));",
+        "slab.take_off(behind, height, (to, 0));",
+        "slab.take_off(&mut [], height, (to, 0));",
     )
     .seen_by("solver::wide_fronts"),
     Fault::wrong(

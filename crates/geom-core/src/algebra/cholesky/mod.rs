@@ -6,14 +6,15 @@
 //! share a pattern (supernodes, which are dense blocks), are the *symbolic* part, which serves every matrix of that pattern. A mesh
 //! of n vertices on a surface needs about n log n entries and n^1.5 operations.
 //!
-//! Analysis runs on one thread. Real factors and substitutions run on all (`multifrontal.rs`, `substitution.rs`) over the
-//! tasks of `tree.rs`; complex factors, those without supernodes and L D Lᵀ are faer's, on one. In a body of n
+//! Analysis runs on one thread. Real factors and substitutions run on all (`multifrontal.rs`, `substitution.rs`; `signed.rs` where
+//! pivots may be negative) over the tasks of `tree.rs`; complex factors and those without supernodes are faer's, on one. In a body of n
 //! vertices, with neighbours on all sides, a factor has about n^4/3 entries and takes n² operations: for these
 //! [`eigen`](super::eigen) has a method without one.
 
 mod gram;
 mod multifrontal;
 mod real;
+mod signed;
 mod single;
 #[cfg(not(feature = "testing"))]
 mod substitution;
@@ -26,7 +27,6 @@ use std::sync::Arc;
 
 use crate::compute::parallel;
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
@@ -39,9 +39,10 @@ use faer::{Conj, MatMut, Par, Side};
 
 use self::multifrontal::{Failure, Fronts, Kept};
 pub(super) use self::real::Real;
+pub use self::signed::SignedFactor;
 pub use self::single::SingleFactor;
 pub(super) use self::substitution::Sweep;
-use self::substitution::{Schedule, Solved};
+use self::substitution::{Direction, Schedule, Solved, run};
 use self::tree::{Forest, Supernode};
 use super::{Error, Scalar, SparseMatrix};
 
@@ -139,9 +140,13 @@ impl Symbolic {
                 };
                 let supernodes = supernodes(shape);
                 let forest = Forest::of(&supernodes);
+                let (fronts, schedule) = rayon::join(
+                    || Fronts::of(&supernodes, &forest, (&starts, &indices), place),
+                    || Schedule::of(&supernodes, &forest, original),
+                );
                 Some(Plan {
-                    fronts: Fronts::of(&supernodes, &forest, (&starts, &indices), place),
-                    schedule: Schedule::of(&supernodes, &forest, original),
+                    fronts,
+                    schedule,
                     forest,
                 })
             }
@@ -186,7 +191,7 @@ impl Symbolic {
         if let Some(plan) = &self.inner.plan {
             // A pivot that vanishes or is beyond f32 makes it no factor, and rounding may bring one to that.
             let holds = |&d: &f32| d >= f32::MIN_POSITIVE && d.is_finite();
-            match factor_into::<f32>(self, plan, matrix) {
+            match factor_into::<f32, false>(self, plan, matrix) {
                 Ok(values) if self.pivots(&values).iter().all(holds) => {
                     let symbolic = self.clone();
                     return Ok(SingleFactor(single::Values::Rounded { symbolic, values }));
@@ -198,36 +203,24 @@ impl Symbolic {
         Ok(SingleFactor(single::Values::Whole(self.factor(matrix)?)))
     }
 
-    /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
-    /// L D Lᵀ (Sylvester's law of inertia). `None` when a pivot vanishes, which says that zero is an
-    /// eigenvalue, or nearly so. Pivots are not exchanged, so that the answer is for shifts that keep clear of
-    /// eigenvalues; it takes as long as a factor.
+    /// Factors a symmetric matrix of the analysed pattern that need not be definite as L S Lᵀ, with signs S. Pivots are not
+    /// exchanged, so that the pattern serves for it, too: `None` when one vanishes, which says that zero is an eigenvalue of a
+    /// leading part, or nearly so, and the factor is as good as pivots keep clear of that.
+    ///
+    /// # Errors
+    /// [`Error::OtherPattern`], [`Error::NotFinite`] and [`Error::OutOfMemory`].
+    pub fn factor_signed(&self, matrix: &SparseMatrix<f64>) -> Result<Option<SignedFactor>, Error> {
+        signed::factor(self, matrix)
+    }
+
+    /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of [its
+    /// factor](Self::factor_signed) (Sylvester's law of inertia). `None` when a pivot vanishes. The answer is for shifts that keep
+    /// clear of eigenvalues; it takes as long as a factor.
     ///
     /// # Errors
     /// [`Error::OtherPattern`], [`Error::NotFinite`] and [`Error::OutOfMemory`].
     pub fn negative_eigenvalues(&self, matrix: &SparseMatrix<f64>) -> Result<Option<usize>, Error> {
-        let upper = self.values_of(matrix)?;
-        let symbolic = &self.inner.symbolic;
-        let (mut values, mut memory) = self.memory::<f64>(
-            symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default()),
-        )?;
-        let factored = symbolic.factorize_numeric_ldlt::<f64>(
-            &mut values,
-            self.lower(&upper),
-            Side::Lower,
-            LdltRegularization::default(),
-            Par::Seq,
-            MemStack::new(&mut memory),
-            Default::default(),
-        );
-        if factored.is_err() {
-            return Ok(None);
-        }
-        let pivots = self.pivots(&values);
-        if pivots.iter().any(|&d| d == 0.0 || !d.is_finite()) {
-            return Ok(None);
-        }
-        Ok(Some(pivots.iter().filter(|&&d| d < 0.0).count()))
+        Ok(self.factor_signed(matrix)?.map(|factor| factor.negative()))
     }
 
     /// The diagonal of a factor.
@@ -424,12 +417,12 @@ pub(super) fn factor_real(
     matrix: &SparseMatrix<f64>,
 ) -> Result<Vec<f64>, Error> {
     match &symbolic.inner.plan {
-        Some(plan) => factor_into(symbolic, plan, matrix),
+        Some(plan) => factor_into::<f64, false>(symbolic, plan, matrix),
         None => factor(symbolic, matrix),
     }
 }
 
-fn factor_into<V: Kept>(
+fn factor_into<V: Kept, const SIGNED: bool>(
     symbolic: &Symbolic,
     plan: &Plan,
     matrix: &SparseMatrix<f64>,
@@ -437,14 +430,14 @@ fn factor_into<V: Kept>(
     let upper = symbolic.values_of(matrix)?;
     let mut values = symbolic.zeros()?;
     let entries = values.len();
-    parallel::inside(|| plan.fronts.factor(&plan.forest, &upper, &mut values)).map_err(
-        |failure| match failure {
-            Failure::Pivot(column) => Error::NotPositiveDefinite {
-                row: symbolic.row_of_pivot(column),
-            },
-            Failure::Memory => Error::OutOfMemory { entries },
+    let fronts = &plan.fronts;
+    let made = parallel::inside(|| fronts.factor::<V, SIGNED>(&plan.forest, &upper, &mut values));
+    made.map_err(|failure| match failure {
+        Failure::Pivot(column) => Error::NotPositiveDefinite {
+            row: symbolic.row_of_pivot(column),
         },
-    )?;
+        Failure::Memory => Error::OutOfMemory { entries },
+    })?;
     Ok(values)
 }
 
@@ -658,36 +651,71 @@ pub(super) fn substitute_into<T: Scalar>(
     let Some(Plan { schedule, .. }) = &symbolic.inner.plan else {
         return;
     };
-    parallel::inside(|| {
-        let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
-        let job = |first, parts| (schedule, factor, block, columns, first, parts);
-        solve_parts::<T, COLUMNS>(job(0, wide), out);
-        let first = wide * COLUMNS;
-        match rest {
-            0 => {}
-            1 => solve_parts::<T, 1>(job(first, 1), out),
-            _ => solve_parts::<T, COLUMNS>(job(first, 1), out),
-        }
-    });
+    let job = Job {
+        schedule,
+        factor,
+        negative: &[],
+        block,
+        columns,
+    };
+    job.solve(out);
 }
 
-/// What is solved: schedule, factor, block and its columns; the first column and how many parts.
-type Job<'a, T> = (&'a Schedule, &'a [T], &'a [T], usize, usize, usize);
+/// What is solved: schedule and factor, which of each task's columns have negative pivots if any may, and a block of so many
+/// columns.
+struct Job<'a, T> {
+    schedule: &'a Schedule,
+    factor: &'a [T],
+    negative: &'a [Vec<u32>],
+    block: &'a [T],
+    columns: usize,
+}
 
-/// Solves for `parts` times `C` columns of a block (the last ones may be missing). Each part has its own vectors and
-/// reads the whole factor; rows are put into the result at the end.
-fn solve_parts<T: Scalar, const C: usize>(job: Job<'_, T>, out: &mut [T]) {
-    let (schedule, factor, block, columns, first, parts) = job;
-    let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
-    let solved: Vec<Solved<T, C>> = parallel::map(parts, |part| {
-        schedule.solve(factor, block, columns, range(part))
-    });
-    parallel::for_chunks(out, ROWS * columns, |k, out| {
-        for (i, out) in out.chunks_exact_mut(columns).enumerate() {
-            for (part, solved) in solved.iter().enumerate() {
-                let out = &mut out[range(part)];
-                out.copy_from_slice(&schedule.row(solved, k * ROWS + i)[..out.len()]);
+impl<T: Scalar> Job<'_, T> {
+    /// Up to eight columns share a pass.
+    fn solve(&self, out: &mut [T]) {
+        let (wide, rest) = (self.columns / COLUMNS, self.columns % COLUMNS);
+        let first = wide * COLUMNS;
+        parallel::inside(|| {
+            self.solve_parts::<COLUMNS>(0, wide, out);
+            match rest {
+                0 => {}
+                1 => self.solve_parts::<1>(first, 1, out),
+                _ => self.solve_parts::<COLUMNS>(first, 1, out),
             }
-        }
-    });
+        });
+    }
+
+    /// Solves for `parts` times `C` columns of a block (the last ones may be missing) from the first one on. Each part has its
+    /// own vectors and reads the whole factor; rows are put into the result at the end.
+    fn solve_parts<const C: usize>(&self, first: usize, parts: usize, out: &mut [T]) {
+        let Self {
+            schedule,
+            factor,
+            negative,
+            block,
+            columns,
+        } = *self;
+        let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
+        let solved: Vec<Solved<T, C>> = parallel::map(parts, |part| {
+            schedule.solve_by(block, columns, range(part), |t, x, direction| {
+                run(&schedule.tasks[t], factor, x, direction);
+                if direction == Direction::Down
+                    && let Some(negative) = negative.get(t)
+                {
+                    for &row in negative {
+                        x[row as usize].iter_mut().for_each(|x| *x = -*x);
+                    }
+                }
+            })
+        });
+        parallel::for_chunks(out, ROWS * columns, |k, out| {
+            for (i, out) in out.chunks_exact_mut(columns).enumerate() {
+                for (part, solved) in solved.iter().enumerate() {
+                    let out = &mut out[range(part)];
+                    out.copy_from_slice(&schedule.row(solved, k * ROWS + i)[..out.len()]);
+                }
+            }
+        });
+    }
 }

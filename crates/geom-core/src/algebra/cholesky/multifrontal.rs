@@ -1,5 +1,6 @@
 //! The factor L Lᵀ of a real matrix by the multifrontal method (Duff and Reid, 1983; Liu, 1992), subtrees of the elimination tree side by
-//! side.
+//! side; or L S Lᵀ with signs S of the pivots where these may be negative (`SIGNED`). A column of the latter is kept times its sign,
+//! so that the root of its pivot on the diagonal says which it is.
 //!
 //! The columns of a supernode and what they subtract from the rows below them are a *front*: a dense trapezoid over a
 //! dense triangle. The triangle is added to the front above, and so on up to the root. All arithmetic is that of dense
@@ -23,7 +24,7 @@ const WORTH: usize = 1 << 20;
 
 /// Why there is no factor.
 pub(super) enum Failure {
-    /// The pivot of this column of the factor is not positive.
+    /// The pivot of this column of the factor is not positive, or zero where it may be negative.
     Pivot(usize),
     Memory,
 }
@@ -158,7 +159,7 @@ impl Fronts {
     }
 
     /// The values of the factor, into zeros.
-    pub(super) fn factor<V: Kept>(
+    pub(super) fn factor<V: Kept, const SIGNED: bool>(
         &self,
         forest: &Forest,
         upper: &[f64],
@@ -182,7 +183,8 @@ impl Fronts {
             let own = &mut works[level.clone()];
             parallel::for_chunks(own, 1, |i, work| {
                 let task = level.start + i;
-                work[0].failure = self.run(forest, task, upper, &mut work[0]).err();
+                let made = self.run::<V, SIGNED>(forest, task, upper, &mut work[0]);
+                work[0].failure = made.err();
             });
             // The first of the lowest level.
             let mut failures = own.iter_mut().filter_map(|work| work.failure.take());
@@ -199,7 +201,7 @@ impl Fronts {
     }
 
     /// The supernodes of a task in their order.
-    fn run<V: Kept>(
+    fn run<V: Kept, const SIGNED: bool>(
         &self,
         forest: &Forest,
         task: usize,
@@ -229,7 +231,7 @@ impl Fronts {
                         self.add(child as usize, &triangle, front, block, &mut square);
                     }
                 }
-                eliminate(block, front, &mut square)
+                eliminate::<SIGNED>(block, front, &mut square)
                     .map_err(|column| Failure::Pivot(front.first + column))
             })?;
             if let Some(above) = forest.parents[s] {
@@ -335,51 +337,87 @@ impl Failure {
 }
 
 /// Factors the columns of a front, slab by slab, and takes the product of what lies below them off the triangle. The
-/// column whose pivot is not positive is the error.
-fn eliminate(block: &mut [f64], front: &Front, update: &mut [f64]) -> Result<(), usize> {
+/// column whose pivot is none is the error.
+fn eliminate<const SIGNED: bool>(
+    block: &mut [f64],
+    front: &Front,
+    update: &mut [f64],
+) -> Result<(), usize> {
     let (width, height) = (front.width, front.height);
     for from in (0..width).step_by(SLAB) {
         let to = (from + SLAB).min(width);
         let (head, behind) = block.split_at_mut(to * height);
         let slab = &mut head[from * height..];
-        lanes::vectorized(Panels { slab, height, from }).map_err(|column| from + column)?;
-        take(slab, height, behind, height, (to, 0));
-        take(slab, height, update, height - width, (width, width));
+        let panels = Panels::<SIGNED> { slab, height, from };
+        lanes::vectorized(panels).map_err(|column| from + column)?;
+        let slab = Slab::<SIGNED> {
+            values: slab,
+            height,
+            from,
+        };
+        slab.take_off(behind, height, (to, 0));
+        slab.take_off(update, height - width, (width, width));
     }
     Ok(())
 }
 
-/// Subtracts the products of a slab from columns of which the first is that of row `row.0` of the front and whose values
-/// begin with row `row.1`.
-fn take(slab: &[f64], height: usize, out: &mut [f64], length: usize, row: (usize, usize)) {
-    if out.is_empty() {
-        return;
+/// Columns of a front that are done, of which the first is that of row `from`.
+#[derive(Clone, Copy)]
+struct Slab<'a, const SIGNED: bool> {
+    values: &'a [f64],
+    height: usize,
+    from: usize,
+}
+
+impl<'a, const SIGNED: bool> Slab<'a, SIGNED> {
+    /// Subtracts its products from columns of which the first is that of row `row.0` of the front and whose values begin with
+    /// row `row.1`.
+    fn take_off(self, out: &mut [f64], length: usize, row: (usize, usize)) {
+        if out.is_empty() {
+            return;
+        }
+        let piece = |first: usize, out: &mut [f64]| {
+            lanes::vectorized(Products {
+                slab: self,
+                out,
+                length,
+                first: row.0 + first,
+                top: row.1,
+            });
+        };
+        if self.values.len() / self.height * out.len() < WORTH {
+            piece(0, out);
+        } else {
+            parallel::for_chunks(out, PIECE * length, |k, out| piece(k * PIECE, out));
+        }
     }
-    let piece = |first: usize, out: &mut [f64]| {
-        lanes::vectorized(Products {
-            slab,
-            height,
-            out,
-            length,
-            first: row.0 + first,
-            top: row.1,
-        });
-    };
-    if slab.len() / height * out.len() < WORTH {
-        piece(0, out);
+
+    /// Its columns, and the signs of their pivots.
+    #[inline(always)]
+    fn columns(self) -> impl Iterator<Item = (&'a [f64], f64)> {
+        let all = self.values.chunks_exact(self.height).zip(self.from..);
+        all.map(|(column, pivot)| (column, sign::<SIGNED>(column, pivot)))
+    }
+}
+
+/// Of a column's pivot, which may be its root already.
+#[inline(always)]
+fn sign<const SIGNED: bool>(column: &[f64], pivot: usize) -> f64 {
+    if SIGNED && column[pivot] < 0.0 {
+        -1.0
     } else {
-        parallel::for_chunks(out, PIECE * length, |k, out| piece(k * PIECE, out));
+        1.0
     }
 }
 
 /// The columns of a slab, of which the first is that of row `from` of the front.
-struct Panels<'a> {
+struct Panels<'a, const SIGNED: bool> {
     slab: &'a mut [f64],
     height: usize,
     from: usize,
 }
 
-impl lanes::WithSimd for Panels<'_> {
+impl<const SIGNED: bool> lanes::WithSimd for Panels<'_, SIGNED> {
     type Output = Result<(), usize>;
 
     /// Some columns at a time: first what the columns of the slab before them subtract, then each by those beside it.
@@ -393,8 +431,11 @@ impl lanes::WithSimd for Panels<'_> {
             let panel = &mut panel[..count * height];
             if at > 0 {
                 let products = Products {
-                    slab: done,
-                    height,
+                    slab: Slab::<SIGNED> {
+                        values: done,
+                        height,
+                        from,
+                    },
                     out: panel,
                     length: height,
                     first: from + at,
@@ -405,17 +446,19 @@ impl lanes::WithSimd for Panels<'_> {
             for c in 0..count {
                 let row = from + at + c;
                 let (own, others) = panel[c * height..].split_at_mut(height);
+                let pivot = own[row];
                 // NaN is not positive either.
-                if !(own[row] > 0.0 && own[row].is_finite()) {
+                if !(pivot > 0.0 || SIGNED && pivot < 0.0) || !pivot.is_finite() {
                     return Err(at + c);
                 }
-                let root = own[row].sqrt();
+                let sign = sign::<SIGNED>(own, row);
+                let root = sign * (sign * pivot).sqrt();
                 own[row] = root;
-                let scale = 1.0 / root;
+                let scale = sign / root;
                 own[row + 1..].iter_mut().for_each(|x| *x *= scale);
                 for (k, other) in others.chunks_exact_mut(height).enumerate() {
                     let first = row + 1 + k;
-                    let factor = own[first];
+                    let factor = sign * own[first];
                     for (y, &x) in other[first..].iter_mut().zip(&own[first..]) {
                         *y -= x * factor;
                     }
@@ -426,27 +469,25 @@ impl lanes::WithSimd for Panels<'_> {
     }
 }
 
-/// Products that are subtracted from columns of `length` values, from the diagonal on: see [`take`].
-struct Products<'a> {
-    slab: &'a [f64],
-    height: usize,
+/// Products that are subtracted from columns of `length` values, from the diagonal on: see [`Slab::take_off`].
+struct Products<'a, const SIGNED: bool> {
+    slab: Slab<'a, SIGNED>,
     out: &'a mut [f64],
     length: usize,
     first: usize,
     top: usize,
 }
 
-impl lanes::WithSimd for Products<'_> {
+impl<const SIGNED: bool> lanes::WithSimd for Products<'_, SIGNED> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: lanes::Simd>(self, simd: S) {
-        let (slab, height, length) = (self.slab, self.height, self.length);
+        let (slab, length) = (self.slab, self.length);
         let mut first = self.first;
         for out in self.out.chunks_mut(COLUMNS * length) {
             let out = Columns {
                 slab,
-                height,
                 count: out.len() / length,
                 out,
                 length,
@@ -465,9 +506,8 @@ impl lanes::WithSimd for Products<'_> {
 }
 
 /// A few columns, from row `first` of the front on, which is number `shift` of each.
-struct Columns<'a> {
-    slab: &'a [f64],
-    height: usize,
+struct Columns<'a, const SIGNED: bool> {
+    slab: Slab<'a, SIGNED>,
     out: &'a mut [f64],
     length: usize,
     first: usize,
@@ -475,16 +515,16 @@ struct Columns<'a> {
     count: usize,
 }
 
-impl Columns<'_> {
+impl<const SIGNED: bool> Columns<'_, SIGNED> {
     #[inline(always)]
     fn take<S: lanes::Simd, const N: usize>(mut self, simd: S) {
         let mut row = self.first;
-        while row + 2 * S::F64_LANES <= self.height {
+        while row + 2 * S::F64_LANES <= self.slab.height {
             self.tile::<S, N>(simd, row);
             row += 2 * S::F64_LANES;
         }
-        while row < self.height {
-            let end = (row + S::F64_LANES).min(self.height);
+        while row < self.slab.height {
+            let end = (row + S::F64_LANES).min(self.slab.height);
             self.rest::<S, N>(simd, row..end);
             row = end;
         }
@@ -494,12 +534,12 @@ impl Columns<'_> {
     #[inline(always)]
     fn tile<S: lanes::Simd, const N: usize>(&mut self, simd: S, row: usize) {
         let mut sums = [[simd.splat_f64s(0.0); 2]; N];
-        for column in self.slab.chunks_exact(self.height) {
+        for (column, sign) in self.slab.columns() {
             let a = S::as_simd_f64s(&column[row..row + 2 * S::F64_LANES]).0;
             let b = &column[self.first..self.first + N];
             let (a0, a1) = (a[0], a[1]);
             for c in 0..N {
-                let factor = simd.splat_f64s(b[c]);
+                let factor = simd.splat_f64s(sign * b[c]);
                 sums[c][0] = simd.mul_add_e_f64s(factor, a0, sums[c][0]);
                 sums[c][1] = simd.mul_add_e_f64s(factor, a1, sums[c][1]);
             }
@@ -516,11 +556,11 @@ impl Columns<'_> {
     #[inline(always)]
     fn rest<S: lanes::Simd, const N: usize>(&mut self, simd: S, rows: Range<usize>) {
         let mut sums = [simd.splat_f64s(0.0); N];
-        for column in self.slab.chunks_exact(self.height) {
+        for (column, sign) in self.slab.columns() {
             let a = simd.partial_load_f64s(&column[rows.clone()]);
             let b = &column[self.first..self.first + N];
             for c in 0..N {
-                sums[c] = simd.mul_add_e_f64s(simd.splat_f64s(b[c]), a, sums[c]);
+                sums[c] = simd.mul_add_e_f64s(simd.splat_f64s(sign * b[c]), a, sums[c]);
             }
         }
         for (c, sum) in sums.into_iter().enumerate() {

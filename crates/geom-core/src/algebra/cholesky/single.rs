@@ -72,7 +72,7 @@ impl SingleFactor {
         parallel::inside(|| {
             let solved: Solved<f64, 1> = schedule.solve_by(b, 1, 0..1, |task, x, direction| {
                 lanes::vectorized(Sweep {
-                    task,
+                    task: &schedule.tasks[task],
                     values,
                     x: x.as_flattened_mut(),
                     direction,

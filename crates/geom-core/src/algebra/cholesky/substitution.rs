@@ -71,6 +71,18 @@ impl Task {
             },
         )
     }
+
+    /// Its columns whose roots of pivots are negative.
+    pub(super) fn negative(&self, values: &[f64]) -> Vec<u32> {
+        let of = |s: Supernodal<'_>| {
+            let height = s.columns.len() + s.rows.len();
+            let first = s.values.start;
+            let columns = s.columns.enumerate();
+            let negative = columns.filter(move |(c, _)| values[first + c * (height + 1)] < 0.0);
+            negative.map(|(_, row)| row as u32)
+        };
+        self.supernodes().flat_map(of).collect()
+    }
 }
 
 impl Schedule {
@@ -158,27 +170,15 @@ impl Schedule {
     }
 
     /// The solutions for some columns of a block, `C` of them row after row (the last ones zero),
-    /// task by task. Twice over the levels: up, each task adds what its children left and eliminates its own rows
-    /// (L⁻¹); down, each first reads the rows that the tasks above have solved, then solves its own (L⁻ᴴ).
-    pub(super) fn solve<T: Scalar, const C: usize>(
-        &self,
-        values: &[T],
-        block: &[T],
-        columns: usize,
-        range: Range<usize>,
-    ) -> Solved<T, C> {
-        self.solve_by(block, columns, range, |task, x, direction| {
-            run(task, values, x, direction);
-        })
-    }
-
-    /// The same with any sweep over the supernodes of a task.
+    /// task by task, by a sweep over the supernodes of each, given by its number. Twice over the levels: up, each task adds what
+    /// its children left and eliminates its own rows (L⁻¹); down, each first reads the rows that the tasks above have solved,
+    /// then solves its own (L⁻ᴴ).
     pub(super) fn solve_by<T: Scalar, const C: usize>(
         &self,
         block: &[T],
         columns: usize,
         range: Range<usize>,
-        run: impl Fn(&Task, &mut [[T; C]], Direction) + Sync,
+        run: impl Fn(usize, &mut [[T; C]], Direction) + Sync,
     ) -> Solved<T, C> {
         let mut solved: Solved<T, C> = self.tasks.iter().map(|_| Vec::new()).collect();
         for level in &self.levels {
@@ -201,7 +201,7 @@ impl Schedule {
                             plus(&mut x[at as usize], row);
                         }
                     }
-                    run(task, &mut x, Direction::Down);
+                    run(t, &mut x, Direction::Down);
                     x
                 })
                 .collect();
@@ -214,8 +214,9 @@ impl Schedule {
             below[level.clone()]
                 .par_iter_mut()
                 .with_max_len(1)
-                .zip(&self.tasks[level.clone()])
-                .for_each(|(x, task)| {
+                .zip(level.clone())
+                .for_each(|(x, t)| {
+                    let task = &self.tasks[t];
                     let (_, rows) = x.split_at_mut(task.own.len());
                     if !rows.is_empty() {
                         let parent = &above[task.parent as usize - level.end];
@@ -223,7 +224,7 @@ impl Schedule {
                             *row = parent[at as usize];
                         }
                     }
-                    run(task, x, Direction::Up);
+                    run(t, x, Direction::Up);
                 });
         }
         solved
@@ -534,7 +535,9 @@ pub fn solved(
         .collect();
     let forest = Forest::with(&supernodes, sizes[0], sizes[1]);
     let schedule = Schedule::of(&supernodes, &forest, original);
-    let solved: Solved<f64, 2> = schedule.solve(values, block, 2, 0..2);
+    let solved: Solved<f64, 2> = schedule.solve_by(block, 2, 0..2, |t, x, direction| {
+        run(&schedule.tasks[t], values, x, direction);
+    });
     let rows = 0..columns.len();
     let rows = rows.map(|row| *schedule.row(&solved, row)).collect();
     (schedule.tasks.len(), rows)

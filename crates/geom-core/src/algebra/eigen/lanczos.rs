@@ -1,85 +1,46 @@
 //! Block Lanczos with thick restarts on `(K − σM)⁻¹ M`.
 //!
 //! The smallest eigenvalues λ of the pencil are wanted, but powers of a matrix bring out the largest. `θ = 1 / (λ − σ)` is an
-//! eigenvalue of `(K − σM)⁻¹ M` with the same vector, and the smallest λ have the largest θ, far apart from the rest. One
-//! application is one product with M and one solve with the factor of `K − σM`, which σ < 0 makes positive definite though K is
-//! singular. After m blocks the operator seen by the basis is a band matrix, whose eigenvalues (Ritz values) converge from the
-//! largest on. When the basis is full, the best vectors are kept and the rest given up: a restart.
+//! eigenvalue of `(K − σM)⁻¹ M` with the same vector, and the λ nearest to σ have the largest |θ|, far apart from the rest. One
+//! application is one product with M and one solve with the factor of `K − σM`. After m blocks the operator seen by the basis is a
+//! band matrix, whose eigenvalues (Ritz values) converge from the largest on. When the basis is full, the best vectors are kept and
+//! the rest given up: a restart.
+//!
+//! With σ in the middle of the wanted λ all of them are twice as near to it, in their own number, as from below, and a quarter of
+//! the basis is not needed. `K − σM` is not definite then, but its pivots tell how many λ are below σ, so that none of these is
+//! missed (Grimes, Lewis and Simon). Where such a σ is not found at once, or the basis gets full, σ < 0 makes `K − σM` positive
+//! definite though K is singular.
 //!
 //! A new block is orthogonalized against the two before it, and together with the newest of these against all others only
 //! when rounding may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
 //! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).
 
-use rayon::prelude::*;
+use std::ops::Range;
 
 use super::backend::On;
 use super::basis::{Basis, Taken, random_block};
-use super::{Error, Options, Pair, Pencil, Report, not_finite, rayleigh_ritz};
-use crate::algebra::Mass;
+use super::shifting::{Inverse, Shifting};
+use super::{
+    Error, Options, Pair, Pencil, RESIDUALS, Report, not_finite, rayleigh_ritz, residuals,
+};
 use crate::algebra::dense::{self, Tall};
-use crate::algebra::{Cholesky, Symbolic};
 use crate::compute::random::SplitMix64;
 
 /// Overlap of a new block with an older one at which it is orthogonalized anew, with the usual shift.
 const DRIFT: f64 = 1e-9;
 /// Overlap whose square is more than may stay: what is left of the block has other lengths and angles.
 const MUCH: f64 = 1e-6;
-/// The shift, in what Weyl's law tells of the smallest eigenvalue.
-const NEAR_ZERO: f64 = 0.05;
+/// How often a shift among the eigenvalues is guessed.
+const GUESSES: usize = 3;
+/// Errors of solutions up to this over `k`, in what the smallest eigenvalues are allowed, are not seen in residuals: up to about
+/// ten times `k` of them are, where an eigenvalue is near the shift.
+const SOUND: f64 = 0.05;
+/// Steps of inverse iteration at the end, at most.
+const STEPS: usize = 3;
+/// Beyond this another factor is better.
+const UNSOUND: f64 = 2.0;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
-
-/// The operator whose largest eigenvalues are sought. With a lumped mass it is
-/// `M^½ (K − σM)⁻¹ M^½`, symmetric as it stands; else `(K − σM)⁻¹ M`, symmetric in the product of M. Either way one
-/// application is one solve, and for a consistent mass one product more.
-struct Inverse<'a> {
-    factor: Cholesky,
-    /// Roots of the lumped mass.
-    roots: Option<Vec<f64>>,
-    mass: Option<&'a Mass>,
-}
-
-impl<'a> Inverse<'a> {
-    /// The matrix of a lumped mass is scaled to `M^(−½) (K − σM) M^(−½)` before it is factored: its diagonal is then
-    /// more even, and the basis is orthonormal in the plain product, which is cheaper than that of M.
-    fn of(pencil: &Pencil<'a>, shift: f64) -> Result<Self, Error> {
-        let shifted = pencil.shifted(shift)?;
-        let (matrix, roots, mass) = match pencil.mass {
-            Mass::Lumped(masses) => {
-                let roots: Vec<f64> = masses.iter().map(|m| m.sqrt()).collect();
-                let scaled = shifted.map(|i, j, a| a / (roots[i] * roots[j]));
-                (scaled, Some(roots), None)
-            }
-            Mass::Consistent(_) => (shifted, None, Some(pencil.mass)),
-        };
-        Ok(Self {
-            factor: Symbolic::of(&matrix)?.factor(&matrix)?,
-            roots,
-            mass,
-        })
-    }
-
-    fn apply(&self, block: &[f64], columns: usize) -> Result<Vec<f64>, Error> {
-        Ok(self.factor.solved(block, columns)?)
-    }
-
-    /// From vectors of the pencil to those of this operator.
-    fn adopt(&self, mut vector: Vec<f64>) -> Vec<f64> {
-        if let Some(roots) = &self.roots {
-            vector.iter_mut().zip(roots).for_each(|(x, r)| *x *= r);
-        }
-        vector
-    }
-
-    /// From vectors of this operator to those of the pencil.
-    fn restore(&self, block: &mut [f64], columns: usize) {
-        if let Some(roots) = &self.roots {
-            let rows = block.par_chunks_mut(columns).zip(roots);
-            rows.with_min_len(4096)
-                .for_each(|(row, root)| row.iter_mut().for_each(|x| *x /= root));
-        }
-    }
-}
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
 pub(super) fn pairs(
@@ -89,19 +50,97 @@ pub(super) fn pairs(
     run: On<'_>,
     report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
-    let n = pencil.rows();
     run.progress("factor", 0, 1)?;
-    let usual = default_shift(pencil);
+    let mut shifting = Shifting::of(pencil);
+    if let Some(mut guess) = shifting.middle(k).filter(|_| options.shift.is_none()) {
+        for _ in 0..GUESSES {
+            let (inverse, other) = shifting.among(k, guess)?;
+            guess = other;
+            let Some(inverse) = inverse else { continue };
+            let start = Start::of(inverse, 1.0, k, options, report)?;
+            if start.error.is_nan() || start.error > UNSOUND {
+                continue;
+            }
+            run.progress("factor", 1, 1)?;
+            if let Some(pairs) = search(pencil, start, k, options, run, report)? {
+                return Ok(pairs);
+            }
+            break;
+        }
+    }
+    let usual = shifting.usual;
     let shift = options.shift.unwrap_or(usual);
-    let inverse = Inverse::of(pencil, shift)?;
-    report.factor_entries = report.factor_entries.max(inverse.factor.factor_entries());
+    let inverse = shifting.below(shift)?;
+    drop(shifting);
     run.progress("factor", 1, 1)?;
+    // Far below zero all θ are alike, and what the recurrence lacks of a product counts for more in a difference of two.
+    let alike = (usual / shift).abs().min(1.0);
+    let start = Start::of(inverse, alike, k, options, report)?;
+    let found = search(pencil, start, k, options, run, report)?;
+    Ok(found.expect("a search from below all eigenvalues goes on to its last restart"))
+}
 
+/// The inverse for one shift, and the image of the first block.
+struct Start<'a> {
+    inverse: Inverse<'a>,
+    basis: Basis<'a>,
+    random: SplitMix64,
+    image: Vec<f64>,
+    /// Of the image: see [`Inverse::error`]. In what the tolerance allows the smallest eigenvalues, of which `k` reach to about the
+    /// shift.
+    error: f64,
+    /// What overlap may stay.
+    limit: f64,
+}
+
+impl<'a> Start<'a> {
+    fn of(
+        inverse: Inverse<'a>,
+        alike: f64,
+        k: usize,
+        options: &Options,
+        report: &mut Report,
+    ) -> Result<Self, Error> {
+        report.factor_entries = report.factor_entries.max(inverse.factor_entries());
+        report.solves += options.block;
+        let basis = Basis::new(inverse.mass);
+        let mut random = SplitMix64::new(options.seed);
+        let block = random_block(inverse.rows(), options.block, &mut random);
+        let image = inverse.apply(&basis.image(&block, options.block), options.block)?;
+        let error = inverse.error(&basis, [&block, &image], options.block);
+        Ok(Self {
+            inverse,
+            basis,
+            random,
+            image,
+            error: error * k as f64 / options.tolerance,
+            limit: DRIFT * alike,
+        })
+    }
+}
+
+/// The pairs by the inverse for one shift; `None` where it is among the eigenvalues and the basis gets full.
+fn search(
+    pencil: &Pencil<'_>,
+    start: Start<'_>,
+    k: usize,
+    options: &Options,
+    run: On<'_>,
+    report: &mut Report,
+) -> Result<Option<Vec<Pair>>, Error> {
+    let Start {
+        inverse,
+        mut basis,
+        mut random,
+        image: mut next,
+        error,
+        limit,
+    } = start;
+    let (shift, below) = (inverse.shift, inverse.below);
     let block = options.block;
     // Enough room that a restart keeps a good part of the space.
     let keep = k + 1 + block;
     let room = keep + 2 * k + 14 * block;
-    let mut basis = Basis::new(inverse.mass);
     let mut h = Projected::new(room + block);
 
     // A known null vector is not searched for.
@@ -110,21 +149,17 @@ pub(super) fn pairs(
         basis.columns.push(inverse.adopt(pencil.constant()), 1);
         h.set(0, 0, -1.0 / shift);
     }
-    let mut random = SplitMix64::new(options.seed);
     let step = |q: &[f64], basis: &Basis<'_>, report: &mut Report| {
         report.solves += block;
         inverse.apply(&basis.image(q, block), block)
     };
-    let mut next = step(&random_block(n, block, &mut random), &basis, report)?;
     let mut taken = Taken::nothing(locked, block);
     basis.orthonormalize(&mut next, block, (0, 0), &mut taken, &mut random);
-    // Far below zero all θ are alike, and what the recurrence lacks of a product counts for more in a difference of two.
-    let limit = DRIFT * (usual / shift).abs().min(1.0);
     let mut drift = Drift::within(limit);
     let mut restarts = 0;
     let mut kept = 0;
     let mut ready = 0;
-    let mut checks = Checks::new(k, options);
+    let mut checks = Checks::new(k, below > 0, options);
     loop {
         // The block joins the basis; its image is what the basis lacks, and how it couples.
         let at = basis.columns.count();
@@ -157,7 +192,7 @@ pub(super) fn pairs(
         if !full && m < checks.next {
             continue;
         }
-        let ritz = h.solve(m)?;
+        let ritz = h.solve(m, inverse.lowest())?;
         // Residual of Op x = θ x, in the norm of M: the last rows of y through the coupling.
         let tails = ritz.tails(&coupling, at, block);
         let value = |j: usize| shift + 1.0 / ritz.theta[j];
@@ -166,7 +201,7 @@ pub(super) fn pairs(
         // tail / θ². This is its share of what is allowed.
         let share = |j: usize| {
             let theta = ritz.theta[j];
-            if theta > 0.0 {
+            if theta != 0.0 {
                 let allowed = 0.3 * options.tolerance * theta * theta;
                 tails[j] / (allowed * value(j).abs().max(first))
             } else {
@@ -176,8 +211,10 @@ pub(super) fn pairs(
         ready = (0..k)
             .take_while(|&j| j < locked || share(j) <= 1.0)
             .count();
+        // Not before all that are below the shift are there.
+        ready = if ritz.below == below { ready } else { 0 };
         checks.plan(m, block, (locked..k).map(share).fold(0.0, f64::max));
-        if ready == k || (full && restarts == options.max_restarts) {
+        if ready == k || (full && below == 0 && restarts == options.max_restarts) {
             report.restarts += restarts;
             run.progress("vectors", 0, 1)?;
             let last = LastBlock {
@@ -186,7 +223,11 @@ pub(super) fn pairs(
                 at,
                 columns: block,
             };
-            return finish(pencil, inverse, basis, &ritz, &last, locked, k + 1);
+            let allowed = (error * k as f64 > SOUND).then_some(0.5 * options.tolerance);
+            return finish(pencil, inverse, basis, &ritz, &last, locked..k + 1, allowed).map(Some);
+        }
+        if full && below > 0 {
+            return Ok(None);
         }
         if full {
             restarts += 1;
@@ -218,11 +259,12 @@ struct Checks {
 impl Checks {
     /// `11/5 k + ⅘ (b³ k)^¼ (digits + 3)` columns, of which surfaces of any size need from 20 less to 10 more: 3 to 300 pairs,
     /// blocks b of 4 to 16, 4 to 12 digits.
-    fn new(k: usize, options: &Options) -> Self {
+    fn new(k: usize, is_among: bool, options: &Options) -> Self {
         let digit = 0.8 * ((options.block.pow(3) * k) as f64).sqrt().sqrt();
         let digits = 3.0 - options.tolerance.log10();
+        let [each, share] = if is_among { [1.27, 0.9] } else { [2.2, 1.0] };
         Self {
-            next: 11 * k / 5 + (digit * digits) as usize,
+            next: (each * k as f64 + share * digit * digits) as usize,
             digit,
             last: None,
         }
@@ -321,21 +363,6 @@ impl Drift {
     }
 }
 
-/// Slightly below zero: a small part of what the smallest eigenvalue of a surface is by Weyl's law, which is the middle
-/// diagonal entry of K over the area. Too near to zero, `K − σM` is nearly singular along the constants; too far, the wanted
-/// eigenvalues move together. The middle one, since weights of many orders (`e^K` of a curved surface) have a mean that is
-/// their largest alone.
-fn default_shift(pencil: &Pencil<'_>) -> f64 {
-    let mut diagonal = pencil.stiffness.diagonal();
-    let mean = diagonal.iter().sum::<f64>() / diagonal.len() as f64;
-    let half = diagonal.len() / 2;
-    let (_, &mut middle, _) = diagonal.select_nth_unstable_by(half, f64::total_cmp);
-    let total: f64 = pencil.lumped.iter().sum();
-    // Weights may also vanish on more than half of a surface, or on all of it.
-    let size = [middle, mean].into_iter().find(|&x| x > 0.0);
-    size.map_or(-1.0, |size| -NEAR_ZERO * size / total)
-}
-
 /// The block that would be next, and how the newest block of the basis couples to it.
 struct LastBlock<'a> {
     values: &'a [f64],
@@ -347,18 +374,19 @@ struct LastBlock<'a> {
 /// Ritz vectors, improved by one step of inverse iteration at no cost: `Op V y = θ V y + Q R y_last`,
 /// with Q the block that would be next (Ericsson and Ruhe's purification). Then Rayleigh–Ritz with
 /// K and M themselves. The step is free since the image of the newest block is known: it lowers the parts of high
-/// eigenvalues once more.
+/// eigenvalues once more. Those whose residual is above what is given are [polished].
 fn finish(
     pencil: &Pencil<'_>,
     inverse: Inverse<'_>,
     basis: Basis<'_>,
     ritz: &Ritz,
     last: &LastBlock<'_>,
-    locked: usize,
-    wanted: usize,
+    wanted: Range<usize>,
+    allowed: Option<f64>,
 ) -> Result<Vec<Pair>, Error> {
     let (m, b) = (basis.columns.count(), last.columns);
-    let count = wanted.min(m) - locked;
+    let locked = wanted.start;
+    let count = wanted.end.min(m) - locked;
     let mut y = vec![0.0; (m + b) * count];
     for j in 0..count {
         for i in 0..m {
@@ -376,64 +404,110 @@ fn finish(
     let mut x = dense::product(&blocks, &y, count);
     inverse.restore(&mut x, count);
     // Rayleigh–Ritz needs neither, and blocks of its own.
-    drop((basis, inverse));
+    drop(basis);
+    let inverse = allowed.map(|allowed| (inverse, allowed));
 
-    let mut out = Vec::with_capacity(count + locked);
-    if locked == 1 {
-        out.push((0.0, pencil.constant()));
+    let pairs = rayleigh_ritz(pencil, x, count)?;
+    let pairs = match inverse {
+        Some((inverse, allowed)) => polished(pencil, &inverse, pairs, allowed)?,
+        None => pairs,
+    };
+    let known = (locked == 1).then(|| (0.0, pencil.constant()));
+    Ok(known.into_iter().chain(pairs).collect())
+}
+
+/// Some steps of inverse iteration for pairs whose residual is more than allowed; the last one has not converged, and is not asked.
+fn polished(
+    pencil: &Pencil<'_>,
+    inverse: &Inverse<'_>,
+    pairs: Vec<Pair>,
+    allowed: f64,
+) -> Result<Vec<Pair>, Error> {
+    let (values, mut vectors): (Vec<f64>, Vec<Vec<f64>>) = pairs.into_iter().unzip();
+    let mut far: Vec<usize> = (0..values.len() - 1).collect();
+    for _ in 0..STEPS {
+        let of_far: Vec<f64> = far.iter().map(|&j| values[j]).collect();
+        let found: Vec<&[f64]> = far.iter().map(|&j| vectors[j].as_slice()).collect();
+        let found = residuals(pencil, &of_far, &found);
+        let mut found = found.into_iter();
+        far.retain(|_| found.next().is_some_and(|r| r > allowed));
+        if far.is_empty() {
+            break;
+        }
+        let mut block = dense::together(&vectors);
+        for some in far.chunks(RESIDUALS) {
+            inverse.step(pencil, &values, some, &mut block)?;
+        }
+        vectors = dense::separate(&block, values.len());
     }
-    out.extend(rayleigh_ritz(pencil, x, count)?);
-    Ok(out)
+    Ok(values.into_iter().zip(vectors).collect())
 }
 
 /// The operator seen by the basis. Symmetric, of fixed `width`; what lies beyond the columns at hand is zero.
 struct Projected {
     values: Vec<f64>,
+    /// Where each row is not zero: a block couples with its neighbours.
+    spans: Vec<Range<usize>>,
     width: usize,
 }
 
-/// Ritz values θ, descending, and coefficients (column `j` of the row-major `y`).
+/// Ritz values θ in the order of λ, and coefficients (column `j` of the row-major `y`).
 struct Ritz {
     theta: Vec<f64>,
     y: Vec<f64>,
+    /// How many λ are below the shift.
+    below: usize,
 }
 
 impl Projected {
     fn new(width: usize) -> Self {
         Self {
             values: vec![0.0; width * width],
+            spans: vec![0..0; width],
             width,
         }
     }
 
     fn set(&mut self, i: usize, j: usize, value: f64) {
         self.values[i * self.width + j] = value;
+        let span = &mut self.spans[i];
+        if value != 0.0 {
+            *span = match *span == (0..0) {
+                true => j..j + 1,
+                false => span.start.min(j)..span.end.max(j + 1),
+            };
+        }
     }
 
     fn get(&self, i: usize, j: usize) -> f64 {
         self.values[i * self.width + j]
     }
 
-    /// Its first `m` rows and columns times a block of `b` vectors. Most of them are zero: a block couples with its neighbours.
+    /// Its first `m` rows and columns, which are all that are not zero, times a block of `b` vectors.
     fn times(&self, block: &[f64], m: usize, b: usize) -> Vec<f64> {
         let mut out = vec![0.0; m * b];
-        for (out, row) in out.chunks_mut(b).zip(self.values.chunks(self.width)) {
-            for (x, &t) in block.chunks(b).zip(&row[..m]) {
-                if t != 0.0 {
-                    out.iter_mut().zip(x).for_each(|(y, x)| *y += t * x);
-                }
+        for (i, out) in out.chunks_mut(b).enumerate() {
+            let span = self.spans[i].clone();
+            for (x, &t) in block[span.start * b..].chunks(b).zip(&self.row(i)[span]) {
+                out.iter_mut().zip(x).for_each(|(y, x)| *y += t * x);
             }
         }
         out
     }
 
-    /// The largest magnitude on the diagonal of these rows: the size of a positive operator.
-    fn largest(&self, rows: std::ops::Range<usize>) -> f64 {
-        rows.fold(0.0, |s, i| f64::max(s, self.get(i, i).abs()))
+    /// The largest magnitude in these rows: about the size of the operator.
+    fn largest(&self, rows: Range<usize>) -> f64 {
+        let of_row = |i: usize| self.row(i)[self.spans[i].clone()].iter();
+        rows.flat_map(of_row).fold(0.0, |s, x| f64::max(s, x.abs()))
+    }
+
+    fn row(&self, i: usize) -> &[f64] {
+        &self.values[i * self.width..][..self.width]
     }
 
     fn clear(&mut self) {
         self.values.fill(0.0);
+        self.spans.fill(0..0);
     }
 
     /// Columns `at..at + block`, and by symmetry the rows; the block on the diagonal is symmetrized.
@@ -457,14 +531,19 @@ impl Projected {
         rows.flat_map(|row| row[..m].iter().copied()).collect()
     }
 
-    /// Turned around: the largest θ belong to the smallest λ.
-    fn solve(&self, m: usize) -> Result<Ritz, Error> {
+    /// In the order of λ: θ up to `lowest` belong to those below the shift, the largest to the smallest λ, and so do those
+    /// above it. What is between is of no eigenvalue, and comes last.
+    fn solve(&self, m: usize, lowest: f64) -> Result<Ritz, Error> {
         let part = self.leading(m);
-        let (ascending, vectors) = dense::symmetric_eigen(&part, m).ok_or_else(not_finite)?;
-        let theta = ascending.into_iter().rev().collect();
-        let mut y = vectors;
-        y.chunks_mut(m).for_each(<[f64]>::reverse);
-        Ok(Ritz { theta, y })
+        let (mut theta, mut y) = dense::symmetric_eigen(&part, m).ok_or_else(not_finite)?;
+        let below = theta.partition_point(|&t| t <= lowest);
+        let turn = |row: &mut [f64]| {
+            row[..below].reverse();
+            row[below..].reverse();
+        };
+        turn(&mut theta);
+        y.chunks_mut(m).for_each(turn);
+        Ok(Ritz { theta, y, below })
     }
 }
 

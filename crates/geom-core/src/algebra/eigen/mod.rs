@@ -2,11 +2,11 @@
 //!
 //! Every connected part of the matrix is solved by itself, so that equal parts cannot mix and each
 //! has its own zero. A part of few rows is solved densely; a large one of a matrix by block Lanczos on
-//! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert), a large one of a
+//! `(K − σM)⁻¹ M` with a sparse factor, σ in the middle of the wanted ones or slightly below zero (shift–invert), a large one of a
 //! graph by block Davidson over multigrid: see [`Method`].
 //!
 //! Files: `parts.rs` finds the connected parts; `direct.rs` solves small ones; `lanczos.rs` and `davidson.rs` are the two
-//! iterations over the bases of `basis.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run
+//! iterations over the bases of `basis.rs`, the first with the inverses of `shifting.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run
 //! elsewhere. Whatever found a pair, its residual is computed anew from K and M in f64.
 
 pub mod backend;
@@ -16,6 +16,7 @@ mod direct;
 mod lanczos;
 mod multigrid;
 mod parts;
+mod shifting;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
@@ -55,8 +56,7 @@ pub enum Method {
     /// graph Laplacian.
     #[default]
     Auto,
-    /// Block Lanczos on `(K − σM)⁻¹ M` with a sparse Cholesky factor. The method for surfaces, whose
-    /// factors stay sparse; any mass.
+    /// Block Lanczos on `(K − σM)⁻¹ M` with a sparse factor. The method for surfaces, whose factors stay sparse; any mass.
     ShiftInvert,
     /// Block Davidson with a multigrid cycle in place of the inverse. The method for voxel graphs and
     /// others that fill space, whose factors do not stay sparse. K needs rows that sum to zero, or
@@ -86,8 +86,9 @@ pub struct Options {
     pub tolerance: f64,
     /// How large parts are solved.
     pub method: Method,
-    /// σ of shift–invert; `None`: a small negative number from the diagonal of K and the trace of M. `K − σM` must
-    /// be positive definite. Multigrid has no shift and refuses one; a part that is solved densely needs none.
+    /// σ of shift–invert, below all eigenvalues: `K − σM` must be positive definite. `None`: in the middle of the wanted ones, by
+    /// Weyl's law and the signs of pivots, which count those below it so that none is missed; where they are few, or that fails, a
+    /// small negative number from the diagonal of K and the trace of M. Multigrid has no shift and refuses one; a part that is solved densely needs none.
     pub shift: Option<f64>,
     /// Vectors per block of the Krylov space; an eigenvalue of higher multiplicity in one connected
     /// part may lose copies, which `verify` finds out. 1 to 64. More vectors per block find multiple eigenvalues more
@@ -296,10 +297,17 @@ fn eigenpairs_on(
         return Err(OutOfRange::new("shift", shift, must).into());
     }
     // The graphs of an operator are symmetric by construction.
-    stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();
-    let lumped = parts::check_mass(stiffness, mass)?;
-    let split = parts::split(stiffness, mass, &lumped);
+    let (symmetric, split) = rayon::join(
+        || stiffness.matrix().check_hermitian(),
+        || {
+            let lumped = parts::check_mass(stiffness, mass)?;
+            let split = parts::split(stiffness, mass, &lumped);
+            Ok::<_, Error>((lumped, split))
+        },
+    );
+    symmetric?;
+    let (lumped, split) = split?;
     let mut report = Report {
         backend: run.backend.name(),
         parts: split.parts.len(),
@@ -394,7 +402,12 @@ fn eigenpairs_on(
         })
         .collect();
     // Judged anew in f64, however the pairs were found.
-    let residuals = residuals(stiffness, mass, &lumped, &values, &vectors);
+    let whole = Pencil {
+        stiffness,
+        mass,
+        lumped,
+    };
+    let residuals = residuals(&whole, &values, &vectors);
     report.converged = residuals.iter().all(|&r| r <= options.tolerance);
     let clusters = clusters(&values, options.cluster_gap);
     report.last_cluster_cut = beyond.is_some_and(|next| {
@@ -557,12 +570,13 @@ fn orient(vector: &mut [f64]) {
 /// `‖K x − λ M x‖ / (max(λ, λ₁) ‖M x‖)` with the first λ₁ that is not zero, in the norm of the inverse lumped mass, in
 /// which `M x` of a unit vector has about the length 1.
 fn residuals(
-    stiffness: Operator<'_>,
-    mass: &Mass,
-    lumped: &[f64],
+    pencil: &Pencil<'_>,
     values: &[f64],
-    vectors: &[Vec<f64>],
+    vectors: &[impl AsRef<[f64]> + Sync],
 ) -> Vec<f64> {
+    let Pencil {
+        stiffness, lumped, ..
+    } = pencil;
     let top = values.last().copied().unwrap_or(0.0);
     // A zero has no relative residual of its own: the first value that is not zero lends its size.
     let first = values
@@ -591,13 +605,8 @@ fn residuals(
         .flat_map(|(values, vectors)| {
             // Some side by side: one pass over the matrix.
             let c = values.len();
-            let mut x = vec![0.0; lumped.len() * c];
-            parallel::for_chunks(&mut x, c, |i, row| {
-                for (x, vector) in row.iter_mut().zip(vectors) {
-                    *x = vector[i];
-                }
-            });
-            let mx = parts::mass_times(mass, &x, c);
+            let x = dense::together(vectors);
+            let mx = pencil.mass_times(&x, c);
             let mut r = stiffness.multiply(&x, c);
             r.par_chunks_mut(c)
                 .zip(mx.par_chunks(c))
