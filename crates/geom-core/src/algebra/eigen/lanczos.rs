@@ -35,10 +35,10 @@ const GUESSES: usize = 3;
 /// Errors of solutions up to this over `k`, in what the smallest eigenvalues are allowed, are not seen in residuals: up to about
 /// ten times `k` of them are, where an eigenvalue is near the shift.
 const SOUND: f64 = 0.05;
-/// Steps of inverse iteration at the end, at most.
-const STEPS: usize = 3;
 /// Beyond this another factor is better.
 const UNSOUND: f64 = 2.0;
+/// Steps of inverse iteration at the end, at most.
+const STEPS: usize = 3;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
 

@@ -84,8 +84,8 @@ impl<'p, 'a> Shifting<'p, 'a> {
         (k >= FEW && may_be_surface).then(|| MIDDLE * k as f64 * self.usual / -NEAR_ZERO)
     }
 
-    /// With a shift among the `k` smallest; `None` where too many of them are below it, or a pivot vanishes. And another shift,
-    /// should this one be of no use.
+    /// With a shift among the `k` smallest; `None` where none or too many of them are below it, or a pivot vanishes. And another
+    /// shift, should this one be of no use.
     pub(super) fn among(
         &mut self,
         k: usize,
@@ -96,6 +96,9 @@ impl<'p, 'a> Shifting<'p, 'a> {
             return Ok((None, NEARBY * shift));
         };
         let below = factor.negative();
+        if below == 0 {
+            return Ok((None, 2.0 * shift));
+        }
         if below as f64 > MOST * k as f64 {
             return Ok((None, 0.5 * shift * k as f64 / below as f64));
         }
