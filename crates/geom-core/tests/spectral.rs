@@ -607,6 +607,12 @@ fn bad_input_is_named() {
     assert_eq!(negative, Error::Mass { row: 4, mass: -1.0 });
     let short = solve(&stiffness, &Mass::Lumped(vec![1.0; 2]), &defaults);
     assert_eq!(short, Error::MassLength { found: 2, rows: n });
+    let wide = SparseMatrix::from_triplets(2, 3, &[(0, 2, 1.0), (1, 1, 1.0)]).unwrap();
+    let not_square = solve(&wide, &Mass::Lumped(vec![1.0; 2]), &defaults);
+    assert!(matches!(
+        not_square,
+        Error::Matrix(algebra::Error::Shape { .. })
+    ));
     let (column, _) = stiffness.row(0).nth(1).unwrap();
     let skew = stiffness.map(|i, j, a| if (i, j) == (0, column) { a + 0.5 } else { a });
     let asymmetric = solve(&skew, &laplace::lumped_mass(&mesh), &defaults);

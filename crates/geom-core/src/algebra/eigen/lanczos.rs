@@ -26,7 +26,7 @@ use super::{
 use crate::algebra::dense::{self, Tall};
 use crate::compute::random::SplitMix64;
 
-/// Overlap of a new block with an older one at which it is orthogonalized anew, with the usual shift.
+/// Overlap of a new block with an older one at which it is orthogonalized anew, but for shifts far below.
 const DRIFT: f64 = 1e-9;
 /// Overlap whose square is more than may stay: what is left of the block has other lengths and angles.
 const MUCH: f64 = 1e-6;
@@ -218,13 +218,15 @@ fn search(
             report.restarts += restarts;
             run.progress("vectors", 0, 1)?;
             let last = LastBlock {
+                ritz: &ritz,
                 values: &next,
                 coupling: &coupling,
                 at,
                 columns: block,
             };
             let allowed = (error * k as f64 > SOUND).then_some(0.5 * options.tolerance);
-            return finish(pencil, inverse, basis, &ritz, &last, locked..k + 1, allowed).map(Some);
+            let wanted = locked..k + 1;
+            return finish(pencil, inverse, basis, &last, wanted, allowed, report).map(Some);
         }
         if full && below > 0 {
             return Ok(None);
@@ -363,8 +365,9 @@ impl Drift {
     }
 }
 
-/// The block that would be next, and how the newest block of the basis couples to it.
+/// The last Ritz values, the block that would be next, and how the newest block of the basis couples to it.
 struct LastBlock<'a> {
+    ritz: &'a Ritz,
     values: &'a [f64],
     coupling: &'a [f64],
     at: usize,
@@ -379,11 +382,12 @@ fn finish(
     pencil: &Pencil<'_>,
     inverse: Inverse<'_>,
     basis: Basis<'_>,
-    ritz: &Ritz,
     last: &LastBlock<'_>,
     wanted: Range<usize>,
     allowed: Option<f64>,
+    report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
+    let ritz = last.ritz;
     let (m, b) = (basis.columns.count(), last.columns);
     let locked = wanted.start;
     let count = wanted.end.min(m) - locked;
@@ -409,7 +413,7 @@ fn finish(
 
     let pairs = rayleigh_ritz(pencil, x, count)?;
     let pairs = match inverse {
-        Some((inverse, allowed)) => polished(pencil, &inverse, pairs, allowed)?,
+        Some((inverse, allowed)) => polished(pencil, &inverse, pairs, allowed, report)?,
         None => pairs,
     };
     let known = (locked == 1).then(|| (0.0, pencil.constant()));
@@ -422,6 +426,7 @@ fn polished(
     inverse: &Inverse<'_>,
     pairs: Vec<Pair>,
     allowed: f64,
+    report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
     let (values, mut vectors): (Vec<f64>, Vec<Vec<f64>>) = pairs.into_iter().unzip();
     let mut far: Vec<usize> = (0..values.len() - 1).collect();
@@ -435,6 +440,7 @@ fn polished(
             break;
         }
         let mut block = dense::together(&vectors);
+        report.solves += far.len();
         for some in far.chunks(RESIDUALS) {
             inverse.step(pencil, &values, some, &mut block)?;
         }

@@ -297,17 +297,10 @@ fn eigenpairs_on(
         return Err(OutOfRange::new("shift", shift, must).into());
     }
     // The graphs of an operator are symmetric by construction.
+    stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();
-    let (symmetric, split) = rayon::join(
-        || stiffness.matrix().check_hermitian(),
-        || {
-            let lumped = parts::check_mass(stiffness, mass)?;
-            let split = parts::split(stiffness, mass, &lumped);
-            Ok::<_, Error>((lumped, split))
-        },
-    );
-    symmetric?;
-    let (lumped, split) = split?;
+    let lumped = parts::check_mass(stiffness, mass)?;
+    let split = parts::split(stiffness, mass, &lumped);
     let mut report = Report {
         backend: run.backend.name(),
         parts: split.parts.len(),
